@@ -89,7 +89,7 @@ pub use items::{Item, ModelId, RunHeader, RunKind};
 pub use keys::released_at_once;
 pub use messages::{EncodeError, Encoded, Messages};
 pub use moment::{Break, CameraPosition, LONGEST_GAP, Moment, Picture};
-pub use open::{Recording, is_run_name, pictures_alone, recordings_in};
+pub use open::{Recording, folders_with_recordings, instead_of_recordings, is_run_name, recordings_in};
 pub use reader::{RunReader, Truncation};
 pub use recorder::{Recorder, RecorderOptions, RecorderStatus, RecordingReport};
 pub use run_file::RunFile;

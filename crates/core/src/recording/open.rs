@@ -13,9 +13,12 @@ use jiff::{civil::DateTime, tz::TimeZone};
 use super::{
     Break, Entries, Entry, EventRecord, Item, Moment, Picture, RecordingError, RunHeader, RunKind, RunReader, Step,
     Truncation,
-    udacity::{DrivingLog, LOG_NAME, Row, UNTIMED},
+    udacity::{DrivingLog, IMAGES, LOG_NAME, Row, UNTIMED, images_beside},
 };
-use crate::{protocol::CameraImage, words::count};
+use crate::{
+    protocol::CameraImage,
+    words::{count, first_five},
+};
 
 /// How many events are kept between two moments: only a damaged file has more, and memory must stay bounded.
 const MOST_EVENTS: usize = 1 << 16;
@@ -73,17 +76,44 @@ pub fn recordings_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(inside)
 }
 
-/// What is said of a folder that holds pictures alone, which no drive can be read from: how many, and what to do.
-/// `None` if it holds none.
-///
-/// # Errors
-/// The system's, where the folder cannot be read.
-pub fn pictures_alone(folder: &Path) -> io::Result<Option<String>> {
-    let pictures = fs::read_dir(folder)?.flatten().filter(|entry| ends(&entry.path(), "jpg")).count();
-    Ok((pictures > 0).then(|| {
-        let pictures = count(pictures, "picture");
-        format!("{pictures} alone, and pictures contain neither speed nor steering: let lapwing serve record the drive")
-    }))
+/// The folders in a folder that have recordings in them, by name.
+pub fn folders_with_recordings(folder: &Path) -> Vec<PathBuf> {
+    let inside = fs::read_dir(folder).map(|inside| inside.flatten().map(|entry| entry.path()).collect());
+    let mut inside: Vec<PathBuf> = inside.unwrap_or_default();
+    inside.retain(|path| recordings_in(path).is_ok_and(|inside| !inside.is_empty()));
+    inside.sort();
+    inside
+}
+
+/// What a folder without recordings has in their place, and what to do, in words; `None` if there is nothing to say.
+pub fn instead_of_recordings(folder: &Path) -> Option<String> {
+    let inside = |folder: &Path| -> Vec<PathBuf> {
+        fs::read_dir(folder).map(|inside| inside.flatten().map(|entry| entry.path()).collect()).unwrap_or_default()
+    };
+    let pictures = |folder: &Path| inside(folder).iter().filter(|path| ends(path, "jpg")).count();
+    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let is_like_a_log = |name: &String| {
+        let name = name.to_lowercase();
+        name.starts_with("driving_log") && name.ends_with(".csv")
+    };
+    if let Some(like) = inside(folder).iter().map(|path| name(path)).filter(is_like_a_log).min() {
+        return Some(format!("{like:?}: rename it to {LOG_NAME}"));
+    }
+    if let alone @ 1.. = pictures(folder) {
+        let pictures = count(alone, "picture");
+        return Some(format!(
+            "{pictures} alone, and pictures contain neither speed nor steering: let lapwing serve record the drive"
+        ));
+    }
+    if let alone @ 1.. = images_beside(folder).map_or(0, |images| pictures(&images)) {
+        let pictures = count(alone, "picture");
+        return Some(format!(
+            "{IMAGES} with {pictures} alone: put the {LOG_NAME} beside it that the simulator wrote with them"
+        ));
+    }
+    let below = folders_with_recordings(folder);
+    let named = first_five(below.iter().map(|path| path.display().to_string()).collect());
+    (!below.is_empty()).then(|| format!("only folders in it that hold recordings: name {}", named.join(" or ")))
 }
 
 impl Recording {

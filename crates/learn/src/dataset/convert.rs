@@ -19,13 +19,18 @@ use jiff::tz::TimeZone;
 
 use super::DatasetError;
 use lapwing_core::{
-    recording::udacity::{DrivingLog, DrivingLogWriter, NewRow},
+    recording::udacity::{DrivingLog, DrivingLogWriter, IMAGES, LOG_NAME, NewRow},
     recording::{
         Break, LONGEST_GAP, Moment, Picture, Recorder, RecorderOptions, Recording, RecordingError, RunKind, is_run_name,
     },
     units::{Steering, Throttle},
     words::count,
 };
+
+/// How much later another drive begins in a log than the one before it ends: more than the 20 s after which a drive counts as another.
+const JOINED: Duration = Duration::from_secs(60);
+/// A longer gap is written as one of this length: the years of a picture's name have four digits.
+const LONGEST: Duration = Duration::from_secs(86_400);
 
 /// Is told how many rows are done, and of how many; returns whether to continue.
 type OnRow<'a> = &'a mut dyn FnMut(u64, Option<u64>) -> ControlFlow<()>;
@@ -145,12 +150,20 @@ fn to_folder(mut run: Recording, target: &Path, progress: OnRow<'_>) -> Result<C
         let mut last = Duration::ZERO;
         for moment in run.by_ref() {
             let moment = moment?;
-            // A missing picture is no reason to cut, and a longer gap shows by itself.
-            let shows = moment.at.saturating_sub(last) > LONGEST_GAP;
-            if !shows && moment.broken.is_some_and(|broken| !matches!(broken, Break::Unseen(_))) {
-                log.cut();
-            }
+            let passed = moment.at.saturating_sub(last);
             last = moment.at;
+            match moment.broken {
+                // A missing picture is no reason to cut.
+                None | Some(Break::Unseen(_)) => (),
+                // The clock of a run that was made of a log leaves gaps out.
+                Some(Break::Gap(gap)) if gap.max(passed) > LONGEST_GAP => {
+                    log.cut_by(gap.min(LONGEST).saturating_sub(passed));
+                }
+                Some(Break::Back(_) | Break::Joined) => log.cut_by(JOINED.saturating_sub(passed)),
+                // What is longer shows by itself.
+                Some(Break::PutBack | Break::TakenOver) if passed > LONGEST_GAP => (),
+                Some(Break::Gap(_) | Break::PutBack | Break::TakenOver) => log.cut(),
+            }
             let is_seam = matches!(moment.broken, Some(Break::TakenOver | Break::PutBack));
             converted.seams += u64::from(is_seam && converted.rows > 0);
             if write(&moment, kind, &mut log)? {
@@ -168,8 +181,8 @@ fn to_folder(mut run: Recording, target: &Path, progress: OnRow<'_>) -> Result<C
     });
     if result.is_err() {
         // Nothing was there before. As above, one error is enough.
-        let _ = fs::remove_file(target.join("driving_log.csv"));
-        let _ = fs::remove_dir_all(target.join("IMG"));
+        let _ = fs::remove_file(target.join(LOG_NAME));
+        let _ = fs::remove_dir_all(target.join(IMAGES));
         if !was_there {
             let _ = fs::remove_dir(target);
         }
@@ -196,7 +209,9 @@ fn write(moment: &Moment, kind: RunKind, log: &mut DrivingLogWriter) -> Result<b
 /// Steering, throttle and brake from a moment of such a run on.
 fn driven(moment: &Moment, kind: RunKind) -> (Steering, Throttle, f64) {
     let telemetry = &moment.telemetry;
-    let (throttle, brake) = (telemetry.throttle, telemetry.truth.brake.unwrap_or(0.0));
+    // Builds that do not tell the brake apart report it as a throttle below 0.
+    let (throttle, reversed) = (telemetry.throttle, -telemetry.throttle.get());
+    let brake = telemetry.truth.brake.unwrap_or(0.0).max(reversed);
     match (moment.followed(), kind) {
         // In a run made of a log, telemetry and command are of the same row, and only the telemetry has the brake apart.
         (None, _) | (_, RunKind::DrivingLog) => (telemetry.steering.steering(), throttle, brake),

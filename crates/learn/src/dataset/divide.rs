@@ -65,7 +65,9 @@ pub fn divide(source: &Path, blocks: Blocks, train: &Path, validation: &Path) ->
     if let Some(path) = paths.iter().find(|path| path.exists()) {
         return Err(exists(path));
     }
-    if train == validation {
+    // Paths are compared part by part, and `absolute` leaves out what says "here".
+    let absolute = |dir: &Path| path::absolute(dir).unwrap_or_else(|_| dir.to_owned());
+    if absolute(train) == absolute(validation) {
         let (expected, got) = ("two folders", format!("{} twice", train.display()));
         return Err(DatasetError::Setting { name: "--out-train and --out-validation", expected, got });
     }

@@ -26,6 +26,14 @@ pub enum TrainError {
     /// The network or its file.
     #[error(transparent)]
     Network(#[from] NnError),
+    /// The weights to start from.
+    #[error("pretrained weights {path}: {source}", path = path.display())]
+    Pretrained {
+        /// Their file.
+        path: PathBuf,
+        /// What is wrong with them.
+        source: NnError,
+    },
     /// All labels are the same, or all steer to one side, and no picture is mirrored.
     #[error(
         "expected labels that steer to both sides, got steering from {least:.3} to {most:.3} in {rows} samples: a network would learn to steer only that way; add data, or mirror pictures (augment.flip)"
@@ -123,6 +131,14 @@ pub enum TrainError {
 impl TrainError {
     pub(super) fn io<'a>(doing: &'static str, path: &'a std::path::Path) -> impl FnOnce(std::io::Error) -> Self + 'a {
         move |source| Self::Io { doing, path: path.to_owned(), source }
+    }
+
+    /// Names the file where the error itself does not.
+    pub(super) fn of_pretrained(path: &std::path::Path) -> impl FnOnce(NnError) -> Self + '_ {
+        |source| match source {
+            NnError::Read { .. } | NnError::NoneFits { .. } => Self::Network(source),
+            source => Self::Pretrained { path: path.to_owned(), source },
+        }
     }
 
     /// Reports a lack of memory as such.

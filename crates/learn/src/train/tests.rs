@@ -252,6 +252,35 @@ fn stopped(recipe: Recipe, out: &Path, resume: bool, after: u32) -> TrainOutcome
 }
 
 #[test]
+fn a_pass_whose_results_could_not_be_written_is_told_as_it_was_when_they_can() {
+    let dir = tempfile::tempdir().unwrap();
+    folder(dir.path(), 40, swaying);
+    let [out, whole] = ["out", "whole"].map(|name| dir.path().join(name));
+    let two = || {
+        let mut two = Recipe { epochs: 2, ..recipe(dir.path()) };
+        two.optimiser.schedule = Schedule::Cosine;
+        two
+    };
+    stopped(two(), &whole, false, u32::MAX);
+    // As if the disk were full once the state has been saved.
+    fs::create_dir_all(out.join("log.csv")).unwrap();
+    Trainer::new(two(), &out, false).unwrap().run(&mut |_| Go::On).unwrap_err();
+    fs::remove_dir(out.join("log.csv")).unwrap();
+    stopped(two(), &out, true, u32::MAX);
+    // But for the time and what depends on it.
+    let told = |out: &Path| {
+        let log = fs::read_to_string(out.join("log.csv")).unwrap();
+        let lines = log.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+        let lines: Vec<_> = lines.collect();
+        let timed = |name: &str| name.contains("seconds") || name.contains("images");
+        let kept: Vec<usize> = (0..lines[0].len()).filter(|i| !timed(&lines[0][*i])).collect();
+        lines.iter().map(|line| kept.iter().map(|i| line[*i].clone()).collect::<Vec<_>>()).collect::<Vec<_>>()
+    };
+    assert_eq!(told(&out), told(&whole));
+    assert!(told(&out)[0].len() >= 6, "{:?}", told(&out)[0]);
+}
+
+#[test]
 fn a_training_goes_on_by_its_own_recipe_and_on_its_own_data_only() {
     let dir = tempfile::tempdir().unwrap();
     folder(dir.path(), 40, swaying);

@@ -135,7 +135,7 @@ impl Trainer {
         };
         let (store, mut network) = fresh()?;
         if let Some(path) = recipe.pretrained.as_ref().filter(|_| stored.is_none()) {
-            let taken = nn::load_pretrained(&network, path)?;
+            let taken = nn::load_pretrained(&network, path).map_err(TrainError::of_pretrained(path))?;
             tracing::info!("{taken} of {} tensors are taken from {}", network.tensors().len(), path.display());
         }
         if recipe.freeze_backbone {
@@ -259,11 +259,12 @@ impl Trainer {
         let loader = self.batches(number, self.position.step)?;
         let steps = loader.batches();
         let began = Instant::now();
-        let mut rate = self.recipe.optimiser.learning_rate;
+        // That of the last step, if all of them are done and only the results were not written.
+        let mut rate = self.learning_rate((self.position.steps - 1).max(0), steps);
         for batch in loader {
             let tensors = self.tensors(batch?)?;
             let batch = tensors.batch();
-            rate = self.learning_rate(steps);
+            rate = self.learning_rate(self.position.steps, steps);
             let (loss, answer) = self.learn(&tensors, rate).map_err(|error| error.at_batch(self.recipe.batch))?;
             self.position.step += 1;
             self.position.steps += 1;
@@ -281,9 +282,8 @@ impl Trainer {
                 return Ok(None);
             }
         }
-        let seconds = std::mem::take(&mut self.position.seconds) + began.elapsed().as_secs_f64();
-        let answers = std::mem::take(&mut self.position.answers);
-        let labels = std::mem::take(&mut self.position.labels);
+        self.position.seconds += began.elapsed().as_secs_f64();
+        let Position { seconds, answers, labels, .. } = &self.position;
         let shown = self.average.as_ref().unwrap_or(&self.network);
         let measured = measure(shown, &self.validation.0, &self.validation.1, &self.inputs);
         let (validation, _) = measured.map_err(|error| error.at_batch(BATCH))?;
@@ -294,11 +294,11 @@ impl Trainer {
         let epoch = Epoch {
             number: number + 1,
             learning_rate: rate,
-            training: Metrics::of(&answers, &labels),
+            training: Metrics::of(answers, labels),
             validation,
             best: self.position.best.is_none_or(|best| mse < best),
         };
-        Ok(Some(TimedEpoch { epoch, seconds, images_per_s: answers.len() as f64 / seconds.max(1e-9) }))
+        Ok(Some(TimedEpoch { epoch, seconds: *seconds, images_per_s: answers.len() as f64 / seconds.max(1e-9) }))
     }
 
     /// A batch as this training takes it.
@@ -337,9 +337,10 @@ impl Trainer {
         Ok((value, Vec::try_from(&first)?))
     }
 
-    fn learning_rate(&self, steps: usize) -> f64 {
+    /// That of the step after so many, with this many in a pass.
+    fn learning_rate(&self, done: i64, steps: usize) -> f64 {
         let o = &self.recipe.optimiser;
-        let done = self.position.steps as f64 / (steps * self.recipe.epochs) as f64;
+        let done = done as f64 / (steps * self.recipe.epochs) as f64;
         o.learning_rate * o.schedule.factor(done, self.position.factor)
     }
 
@@ -351,6 +352,10 @@ impl Trainer {
         }
         self.position.epoch += 1;
         self.position.step = 0;
+        // Not before: where the state just saved is resumed from, the pass is closed anew, with what was answered in it.
+        self.position.seconds = 0.0;
+        self.position.answers.clear();
+        self.position.labels.clear();
         let best = timed.epoch.best;
         if best {
             (self.position.best, self.position.waited) = (Some(timed.epoch.validation.raw.mse), 0);

@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use lapwing_core::recording::{pictures_alone, recordings_in};
+use lapwing_core::recording::{instead_of_recordings, recordings_in};
 
 /// Paths that do not lead to runs.
 #[derive(Debug, thiserror::Error)]
@@ -52,7 +52,7 @@ fn in_folder(path: &Path) -> Result<Vec<PathBuf>, FilesError> {
     let cannot = |source| FilesError::Read { path: path.to_owned(), source };
     let inside = recordings_in(path).map_err(cannot)?;
     if inside.is_empty() {
-        let got = pictures_alone(path).map_err(cannot)?.unwrap_or_else(|| "neither".to_owned());
+        let got = instead_of_recordings(path).unwrap_or_else(|| "neither".to_owned());
         return Err(FilesError::NoRuns { path: path.to_owned(), got });
     }
     Ok(inside)

@@ -164,13 +164,15 @@ impl Columns {
         let values = if pieces.len() == columns.len() {
             pieces.iter().map(|p| Cow::Borrowed(p.text)).collect()
         } else if pieces.len() < columns.len() {
-            let semicolons = line.matches(';').count() + 1 >= Column::REQUIRED.len();
+            let separated = |by: char| line.matches(by).count() + 1 >= Column::REQUIRED.len();
             return Err(Bad {
                 field: "columns".into(),
                 expected: format!("{} ({})", columns.len(), names(columns)),
                 got: pieces.len().to_string(),
-                help: if semicolons {
+                help: if separated(';') {
                     "commas separate the columns, not semicolons: save the table as CSV with commas"
+                } else if separated('\t') {
+                    "commas separate the columns, not tabs: save the table as CSV with commas"
                 } else {
                     "complete or remove the line; a log in another order needs a header that names its columns"
                 },

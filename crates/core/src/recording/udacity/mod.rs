@@ -44,6 +44,8 @@ use crate::{
 
 /// What the log in a folder is called.
 pub const LOG_NAME: &str = "driving_log.csv";
+/// The name of the folder of pictures beside it.
+pub const IMAGES: &str = "IMG";
 
 /// Time between two rows whose picture names hold no time: the simulator records 15 times a second at most.
 pub const FALLBACK_INTERVAL: Duration = Duration::from_nanos(1_000_000_000 / 15);
@@ -107,7 +109,7 @@ impl DrivingLog {
                 if runs {
                     return Err(none("a folder of runs: name the runs in it"));
                 }
-                let told = super::pictures_alone(path).ok().flatten().or_else(|| instead(path));
+                let told = super::instead_of_recordings(path);
                 return Err(none(told.as_deref().unwrap_or("a folder without one")));
             }
             Some(log) => log,
@@ -117,8 +119,8 @@ impl DrivingLog {
         let bytes =
             read_file(&path, "a driving log", MOST_LOG).map_err(RecordingError::io("read the driving log", &path))?;
         let beside = path.parent().unwrap_or(Path::new(""));
-        let img = beside.join("IMG");
-        let folders = Folders { log: beside, images: if img.is_dir() { &img } else { beside } };
+        let images = images_beside(beside);
+        let folders = Folders { log: beside, images: images.as_deref().unwrap_or(beside) };
         // Only folders have names in encodings other than UTF-8, and folders do not matter.
         let text = if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
             Err((1, Bad::utf_16()))
@@ -137,23 +139,15 @@ impl DrivingLog {
     }
 }
 
-/// What a folder without a log has in its place, in words.
-fn instead(folder: &Path) -> Option<String> {
-    let inside: Vec<_> = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path()).collect();
-    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let is_like = |path: &&PathBuf| {
-        let name = name(path).to_lowercase();
-        name.starts_with("driving_log") && name.ends_with(".csv")
-    };
-    if let Some(like) = inside.iter().filter(is_like).min() {
-        return Some(format!("a folder with {:?}: rename it to {LOG_NAME}", name(like)));
+/// The folder of pictures beside a log. Archives and tools that copy may have renamed it to `img`.
+pub(super) fn images_beside(folder: &Path) -> Option<PathBuf> {
+    let exact = folder.join(IMAGES);
+    if exact.is_dir() {
+        return Some(exact);
     }
-    let mut with_one: Vec<_> =
-        inside.iter().filter(|path| path.join(LOG_NAME).is_file()).map(|path| name(path)).collect();
-    with_one.sort();
-    with_one.truncate(5);
-    (!with_one.is_empty())
-        .then(|| format!("a folder without one, but with folders that have one: name {}", with_one.join(", ")))
+    let is_like =
+        |path: &PathBuf| path.file_name().is_some_and(|name| name.eq_ignore_ascii_case(IMAGES)) && path.is_dir();
+    fs::read_dir(folder).ok()?.flatten().map(|entry| entry.path()).filter(is_like).min()
 }
 
 impl DrivingLog {

@@ -28,6 +28,8 @@ fn a_table_of_another_kind_is_named_for_what_it_is() {
             "{told}"
         );
     }
+    let told = error("IMG/center_1.jpg\t\t\t0\t0\t0\t9\n");
+    assert!(told.ends_with("commas separate the columns, not tabs: save the table as CSV with commas"), "{told}");
     let dir = tempfile::tempdir().unwrap();
     let text: Vec<u8> = "\u{feff}IMG/center_1.jpg,,,0,0,0,9\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
     fs::write(dir.path().join("driving_log.csv"), text).unwrap();
@@ -227,6 +229,8 @@ fn pictures_are_looked_up_in_img_or_beside_the_log() {
     assert_eq!(DrivingLog::open(&log).unwrap().rows[0].center, dir.path().join("c.jpg"));
     fs::create_dir(dir.path().join("IMG")).unwrap();
     assert_eq!(DrivingLog::open(&log).unwrap().rows[0].center, dir.path().join("IMG").join("c.jpg"));
+    fs::rename(dir.path().join("IMG"), dir.path().join("Img")).unwrap();
+    assert_eq!(DrivingLog::open(&log).unwrap().rows[0].center, dir.path().join("Img").join("c.jpg"));
     assert!(matches!(DrivingLog::open(dir.path()), Err(RecordingError::NoSource { .. })));
 }
 
@@ -243,7 +247,7 @@ fn a_folder_of_pictures_alone_is_told_apart_from_one_without_a_log() {
     let renamed = near();
     fs::write(renamed.path().join("Driving_Log (1).csv"), "").unwrap();
     let told = error_of(renamed.path());
-    assert!(told.ends_with("got a folder with \"Driving_Log (1).csv\": rename it to driving_log.csv"), "{told}");
+    assert!(told.ends_with("got \"Driving_Log (1).csv\": rename it to driving_log.csv"), "{told}");
     let above = near();
     for name in ["b", "a", "c"] {
         fs::create_dir(above.path().join(name)).unwrap();
@@ -252,7 +256,13 @@ fn a_folder_of_pictures_alone_is_told_apart_from_one_without_a_log() {
         fs::write(above.path().join(name).join(LOG_NAME), "").unwrap();
     }
     let told = error_of(above.path());
-    assert!(told.ends_with("got a folder without one, but with folders that have one: name a, b"), "{told}");
+    let named = ["a", "b"].map(|name| above.path().join(name).display().to_string()).join(" or ");
+    assert!(told.ends_with(&format!("got only folders in it that hold recordings: name {named}")), "{told}");
+    let alone = near();
+    fs::create_dir(alone.path().join(IMAGES)).unwrap();
+    fs::write(alone.path().join("IMG/1.jpg"), "").unwrap();
+    let told = error_of(alone.path());
+    assert!(told.contains("got IMG with 1 picture alone: put the driving_log.csv beside it"), "{told}");
     let words = "got 2 pictures alone, and pictures contain neither speed nor steering: let lapwing serve record";
     assert!(error().contains(words), "{}", error());
 }

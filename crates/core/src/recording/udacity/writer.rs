@@ -17,7 +17,7 @@ use jiff::civil::DateTime;
 
 use super::{
     super::{Break, LONGEST_GAP, RecordingError},
-    FALLBACK_INTERVAL, LOG_NAME,
+    FALLBACK_INTERVAL, IMAGES, LOG_NAME,
 };
 use crate::{
     protocol::number,
@@ -100,7 +100,7 @@ impl DrivingLogWriter {
     /// Makes the folder. Returns the paths of the log and of the pictures' folder, and the latter as the log writes it.
     fn folder(dir: &Path) -> Result<(PathBuf, PathBuf, String), RecordingError> {
         let dir = path::absolute(dir).map_err(RecordingError::io("find the folder", dir))?;
-        let images = dir.join("IMG");
+        let images = dir.join(IMAGES);
         // Quotes and line breaks mean something to readers of CSV, and the recorder does not escape them; a path that
         // is not Unicode would be another one when it is read back.
         let Some(text) = images.to_str().filter(|text| !text.contains(['"', '\n', '\r'])).map(str::to_owned) else {
@@ -132,8 +132,8 @@ impl DrivingLogWriter {
     /// # Errors
     /// [`RecordingError::Io`], also if there is a picture of that name already.
     pub fn row(&mut self, sample: &NewRow<'_>) -> Result<(), RecordingError> {
-        let ms = u64::try_from((sample.at + self.cut).as_millis()).unwrap_or(u64::MAX);
-        let ms = self.last_ms.map_or(ms, |last| ms.max(last + 1));
+        let ms = u64::try_from(sample.at.saturating_add(self.cut).as_millis()).unwrap_or(u64::MAX);
+        let ms = self.last_ms.map_or(ms, |last| ms.max(last.saturating_add(1)));
         let taken = self.began.saturating_add(Duration::from_millis(ms));
         let mut line = String::with_capacity(400);
         for (camera, jpeg) in [("center", Some(sample.center)), ("left", sample.left), ("right", sample.right)] {
@@ -167,8 +167,13 @@ impl DrivingLogWriter {
     /// only in the times of the pictures' names, so all rows from here on are named [`LONGEST_GAP`] later, and anyone
     /// who reads the log finds a gap.
     pub fn cut(&mut self) {
+        self.cut_by(LONGEST_GAP);
+    }
+
+    /// The same with a gap that is so much longer than the time between the rows.
+    pub fn cut_by(&mut self, later: Duration) {
         if self.rows > 0 {
-            self.cut += LONGEST_GAP;
+            self.cut = self.cut.saturating_add(later);
         }
     }
 

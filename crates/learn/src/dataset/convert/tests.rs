@@ -234,5 +234,54 @@ fn two_drives_joined_in_a_log_stay_two_in_its_run_and_in_that_runs_folder() {
         assert_eq!(found.gaps.iter().map(|gap| gap.row).collect::<Vec<_>>(), [3], "{}", path.display());
         assert!(found.duration_s < 2.0, "what is not recorded does not count: {}", found.duration_s);
     }
-    assert_eq!(looked_over(&run).gaps[0].seconds, looked_over(&first).gaps[0].seconds);
+    for path in [&run, &second] {
+        assert_eq!(looked_over(path).gaps[0].seconds, looked_over(&first).gaps[0].seconds);
+    }
+}
+
+#[test]
+fn a_drive_whose_clock_was_set_back_is_another_one_in_the_runs_folder_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let [first, run, second] = ["first", "a.mcap", "second"].map(|name| dir.path().join(name));
+    folder(&first, 12, false);
+    let log = fs::read_to_string(first.join("driving_log.csv")).unwrap();
+    let (sooner, later) = log.split_at(log.match_indices('\n').nth(5).unwrap().0 + 1);
+    fs::write(first.join("driving_log.csv"), [later, sooner].concat()).unwrap();
+    converted(&first, &run);
+    converted(&run, &second);
+    let breaks = DrivingLog::open(&second).unwrap().rows.into_iter().map(|row| row.broken);
+    let broken: Vec<_> = breaks.enumerate().filter_map(|(row, broken)| Some((row, broken?))).collect();
+    assert!(matches!(broken[..], [(6, Break::Gap(gap))] if gap >= JOINED), "{broken:?}");
+}
+
+#[test]
+fn whatever_a_run_says_of_its_gaps_its_folder_can_be_written_and_has_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let (run, back) = (dir.path().join("a.mcap"), dir.path().join("back"));
+    let header = RunHeader::new(RunKind::Driven, serde_json::Value::Null, jiff::Timestamp::UNIX_EPOCH);
+    let recorder = Recorder::create_file(&run, header, RecorderOptions::default()).unwrap();
+    for (i, seconds) in [0.0, 1e19, 1e19, 0.5, 0.0].into_iter().enumerate() {
+        let at = Duration::from_millis(67 * i as u64);
+        let telemetry: Telemetry =
+            serde_json::from_str(r#"{"steering_deg":-5,"throttle":0.25,"speed_mph":9}"#).unwrap();
+        recorder.record(at, Item::Event(EventRecord::Break { seconds: Some(seconds) }));
+        recorder.record(at, Item::Telemetry(telemetry));
+        recorder.record(at, Item::Frame(jpeg(i).into()));
+    }
+    assert!(recorder.finish().error.is_none());
+    converted(&run, &back);
+    let rows = DrivingLog::open(&back).unwrap().rows;
+    assert!(rows.len() == 5 && rows[1..].iter().all(|row| matches!(row.broken, Some(Break::Gap(_)))), "{rows:?}");
+}
+
+#[test]
+fn a_throttle_below_0_is_the_folders_brake() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::write(dir.path().join("c.jpg"), jpeg(0)).unwrap();
+    fs::write(dir.path().join("driving_log.csv"), "c.jpg,,,0,-0.5,0,9\n").unwrap();
+    let [run, back] = ["a.mcap", "back"].map(|name| dir.path().join(name));
+    converted(dir.path(), &run);
+    converted(&run, &back);
+    let row = &DrivingLog::open(&back).unwrap().rows[0];
+    assert_eq!((row.throttle.get(), row.brake), (0.0, 0.5));
 }
