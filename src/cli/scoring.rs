@@ -60,7 +60,7 @@ impl FromArgMatches for ThresholdFlags {
 pub struct Locate {
     /// A run (.mcap), or a folder with driving_log.csv and IMG/
     pub recording: PathBuf,
-    /// Another road that it may have been driven on: random:SEED, random-lanes:SEED, or a track file (.toml)
+    /// Another road that it may have been driven on: random:SEED, random-lanes:SEED, or a track file (.toml); may be repeated
     #[arg(long = "track", value_name = "NAME")]
     pub tracks: Vec<String>,
     /// A network that says where in its lane the camera is (lane, .safetensors); its answers are compared with the drawn road
@@ -93,8 +93,8 @@ pub struct Score {
     /// Runs (.mcap), Udacity folders (driving_log.csv), or folders of runs
     #[arg(value_name = "RUN", required_unless_present = "explain")]
     pub runs: Vec<PathBuf>,
-    /// Another road that runs without a position may have been driven on: random:SEED, random-lanes:SEED, or a track
-    /// file (.toml)
+    /// Another road that runs without a position may have been driven on, and that maps show: random:SEED, random-lanes:SEED,
+    /// or a track file (.toml); may be repeated
     #[arg(long = "track", value_name = "NAME")]
     pub tracks: Vec<String>,
     /// Laps asked for, if the run does not say

@@ -19,6 +19,11 @@ use lapwing_score::drawing::{LINE_PX, MARGIN, Shape, Sheet};
 pub(super) fn run(arguments: &cli::Explain) -> anyhow::Result<Ended> {
     outputs::check_drawing(&arguments.out)?;
     let model = match &arguments.model {
+        // It is not loaded for nothing: its code would run, or its runtime be asked for.
+        Some(path) if models::is_foreign(path) && path.is_file() => bail!(
+            "{}: expected one of Lapwing's own checkpoints (.safetensors), got a network made elsewhere, whose layers cannot be looked into",
+            path.display()
+        ),
         Some(path) => models::load(path, Instant::now)?,
         None => models::built_in(Instant::now)?,
     };

@@ -72,6 +72,10 @@ fn renamed(arguments: &cli::ModelRename) -> anyhow::Result<Ended> {
     if input.extension().is_none_or(|ending| ending != "safetensors") {
         let todo = match models::advice(input) {
             Some((kind, todo)) => format!("got {kind}: {todo}"),
+            None if models::is_torchscript(input) => {
+                let weights = models::UNPICKLE;
+                format!("a TorchScript network drives as it is, with --model; if it holds pickled weights, {weights}")
+            }
             None => "whole networks (.onnx, .pt) drive as they are, with --model (docs/how-to/own-network.md)".into(),
         };
         bail!("{}: expected PyTorch's tensors, a file ending in .safetensors; {todo}", input.display());

@@ -18,7 +18,10 @@ use crate::{
 };
 #[cfg(feature = "networks")]
 use lapwing_core::config::Thresholds;
-use lapwing_core::{recording::Item, words::count};
+use lapwing_core::{
+    recording::{Item, folders_with_recordings},
+    words::{count, first_five},
+};
 use lapwing_score::score::{
     Scorer,
     against::{Baseline, Comparison, Trend},
@@ -115,6 +118,16 @@ pub(super) fn run(arguments: &cli::Score, config: Option<&Path>) -> anyhow::Resu
     let printed = result.map_or(Ok(()), |result| super::print(&result));
     for change in against.iter().flat_map(|against| &against.changes).filter(|change| change.turn == Trend::Better) {
         say!("better: {change}");
+    }
+    let named: Vec<_> =
+        arguments.runs.iter().flat_map(|path| [Some(&**path), path.parent()]).flatten().map(outputs::place).collect();
+    for folder in arguments.runs.iter().filter(|path| path.is_dir()) {
+        let mut below = folders_with_recordings(folder);
+        below.retain(|folder| !named.contains(&outputs::place(folder)));
+        if !below.is_empty() {
+            let below = below.iter().map(|path| path.display().to_string()).collect();
+            say!("not scored: {}: name these folders as well", first_five(below).join(", "));
+        }
     }
     for setting in against.iter().flat_map(|against| &against.new) {
         say!("not compared: {setting}: the baseline has no run");

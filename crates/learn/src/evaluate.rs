@@ -35,10 +35,15 @@ pub enum Rows {
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluateError {
     /// Held-out rows were asked for, but there are none.
-    #[error("{model} was validated on separate data and held out no rows: use --rows all on that data")]
+    #[error(
+        "{model} was validated on separate data and held out no rows: measure it with --rows all on its validation data: {}",
+        paths(validation)
+    )]
     NoneHeldOut {
         /// The model.
         model: String,
+        /// The data that it was validated on.
+        validation: Vec<Selection>,
     },
     /// The data.
     #[error(transparent)]
@@ -135,8 +140,11 @@ impl Evaluation {
         let recipe: Option<Recipe> = model.training().and_then(|training| serde_json::from_str(training).ok());
         let (set, blocks) = match rows {
             Rows::All => (Set::All, None),
-            Rows::HeldOut if recipe.as_ref().is_some_and(|recipe| !recipe.validation.is_empty()) => {
-                return Err(EvaluateError::NoneHeldOut { model: name.into() });
+            Rows::HeldOut
+                if let Some(Recipe { validation, .. }) = &recipe
+                    && !validation.is_empty() =>
+            {
+                return Err(EvaluateError::NoneHeldOut { model: name.into(), validation: validation.clone() });
             }
             Rows::HeldOut => {
                 let blocks = recipe.as_ref().map_or_else(Blocks::default, |recipe| recipe.blocks);
@@ -214,12 +222,22 @@ impl Compared {
         });
         if let Some(learnt) = learnt_from.filter(|learnt| *learnt > 0) {
             let path = path.display();
-            tracing::warn!("{path}: the network learnt from {learnt} of these {rows} rows; see --rows held-out");
+            let todo = match recipe.map(|recipe| &recipe.validation[..]) {
+                Some([]) | None => "see --rows held-out".to_owned(),
+                Some(validation) => {
+                    format!("measure it on other data, such as its validation data: {}", paths(validation))
+                }
+            };
+            tracing::warn!("{path}: the network learnt from {learnt} of these {rows} rows; {todo}");
         }
         let measured = Measured::of(&answers, samples, Label::Steering);
         let answers = samples.samples.iter().map(|sample| sample.steering).zip(answers).collect();
         Ok(Self { data: path.to_owned(), learnt_from, rows, measured, answers })
     }
+}
+
+fn paths(of: &[Selection]) -> String {
+    of.iter().map(|selection| selection.path.display().to_string()).collect::<Vec<_>>().join(", ")
 }
 
 /// A network's steering for each sample, computed in batches.

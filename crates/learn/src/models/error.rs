@@ -120,9 +120,9 @@ pub enum ModelError {
     },
     /// A `.pt` of another kind: the name is used for pickled weights, too.
     #[error(
-        "expected {path} to be a TorchScript module, saved by torch.jit.save and not by torch.save; libtorch: {why}. Pickled \
-         weights are saved again with safetensors.torch.save_file, for lapwing model rename",
-        path = path.display()
+        "expected {path} to be a TorchScript module, saved by torch.jit.save and not by torch.save; libtorch: {said}. If it holds \
+         pickled weights, {todo}",
+        path = path.display(), said = .why.trim_end_matches('.'), todo = super::foreign::UNPICKLE
     )]
     NotTorchScript {
         /// The file.

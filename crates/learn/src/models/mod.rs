@@ -18,7 +18,7 @@ mod side_file;
 pub mod torchscript;
 
 pub use error::ModelError;
-pub use foreign::advice;
+pub use foreign::{UNPICKLE, advice};
 pub use lane::{LaneError, LaneFinder, LaneModel, LaneSeen};
 pub use model::{LoadedModel, built_in, is_foreign, is_torchscript, load};
 pub use side_file::SideFile;

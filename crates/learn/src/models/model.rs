@@ -88,7 +88,9 @@ pub fn load(path: impl AsRef<Path>, clock: Clock) -> Result<LoadedModel, ModelEr
         Some("safetensors") => LoadedModel::of_checkpoint(path, &read()?, clock),
         Some(_) if is_torchscript(path) => {
             let bytes: Arc<[u8]> = read()?.into();
-            let pilot = ForeignPilot::load(path, clock, |_| Script::load(path, bytes.clone()))?;
+            // Before the file beside it: a state dict's users would write that for nothing.
+            let script = Script::load(path, bytes.clone())?;
+            let pilot = ForeignPilot::load(path, clock, |_| Ok(script))?;
             Ok(LoadedModel::of_foreign("torchscript", path, &bytes, pilot, (None, clock)))
         }
         #[cfg(feature = "onnx")]
