@@ -78,34 +78,36 @@ pub fn recordings_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
 
 /// The folders in a folder that have recordings in them, by name.
 pub fn folders_with_recordings(folder: &Path) -> Vec<PathBuf> {
-    let inside = fs::read_dir(folder).map(|inside| inside.flatten().map(|entry| entry.path()).collect());
-    let mut inside: Vec<PathBuf> = inside.unwrap_or_default();
-    inside.retain(|path| recordings_in(path).is_ok_and(|inside| !inside.is_empty()));
-    inside.sort();
-    inside
+    let mut below = all_in(folder);
+    below.retain(|path| recordings_in(path).is_ok_and(|inside| !inside.is_empty()));
+    below.sort();
+    below
+}
+
+/// What lies in a folder; nothing if it cannot be read.
+fn all_in(folder: &Path) -> Vec<PathBuf> {
+    fs::read_dir(folder).map(|inside| inside.flatten().map(|entry| entry.path()).collect()).unwrap_or_default()
 }
 
 /// What a folder without recordings has in their place, and what to do, in words; `None` if there is nothing to say.
 pub fn instead_of_recordings(folder: &Path) -> Option<String> {
-    let inside = |folder: &Path| -> Vec<PathBuf> {
-        fs::read_dir(folder).map(|inside| inside.flatten().map(|entry| entry.path()).collect()).unwrap_or_default()
-    };
-    let pictures = |folder: &Path| inside(folder).iter().filter(|path| ends(path, "jpg")).count();
+    let inside = all_in(folder);
+    let pictures = |inside: &[PathBuf]| inside.iter().filter(|path| ends(path, "jpg")).count();
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let is_like_a_log = |name: &String| {
         let name = name.to_lowercase();
         name.starts_with("driving_log") && name.ends_with(".csv")
     };
-    if let Some(like) = inside(folder).iter().map(|path| name(path)).filter(is_like_a_log).min() {
+    if let Some(like) = inside.iter().map(|path| name(path)).filter(is_like_a_log).min() {
         return Some(format!("{like:?}: rename it to {LOG_NAME}"));
     }
-    if let alone @ 1.. = pictures(folder) {
+    if let alone @ 1.. = pictures(&inside) {
         let pictures = count(alone, "picture");
         return Some(format!(
             "{pictures} alone, and pictures contain neither speed nor steering: let lapwing serve record the drive"
         ));
     }
-    if let alone @ 1.. = images_beside(folder).map_or(0, |images| pictures(&images)) {
+    if let alone @ 1.. = images_beside(folder).map_or(0, |images| pictures(&all_in(&images))) {
         let pictures = count(alone, "picture");
         return Some(format!(
             "{IMAGES} with {pictures} alone: put the {LOG_NAME} beside it that the simulator wrote with them"
