@@ -80,9 +80,8 @@ pub fn draw(all: &[Compared]) -> Chart {
     let ends = (1.0, pilots as f64);
     chart.series.push(Series::new("as in the simulator", Marks::Line(vec![(ends.0, ends.0), (ends.1, ends.1)])));
     let road = mean(Measure::Interventions, true);
-    for (name, measure) in
-        [("open loop, mean squared error", Measure::Mse), ("closed loop, interventions", Measure::Interventions)]
-    {
+    let open = Measure::OPEN.map(|measure| (measure.name(), measure));
+    for (name, measure) in open.into_iter().chain([("closed loop, interventions", Measure::Interventions)]) {
         let points = road.iter().copied().zip(mean(measure, false)).collect();
         chart.series.push(Series::new(name, Marks::Points(points)));
     }

@@ -14,7 +14,7 @@ use lapwing_core::{
     motion::Motion,
     perception::Frame,
     protocol::Truth,
-    recording::{Break, Moment, Picture, Recording, RecordingError, released_at_once},
+    recording::{Break, Moment, Picture, Recording, RecordingError, ReleasedAtOnce, released_at_once},
     units::{Degrees, Metres},
 };
 use lapwing_score::odometry::{Leg, Look, joins};
@@ -134,6 +134,7 @@ impl Rows {
             rows.push(row);
         }
         let Reader { moments, released_at_once, .. } = reader;
+        let released_at_once = released_at_once.into_iter().map(|drive| drive.rows).collect();
         Ok(Self { rows, looks, unreadable, moments, released_at_once })
     }
 }
@@ -180,7 +181,7 @@ struct Reader {
     moments: usize,
     before: Option<Moment>,
     carried: Carried,
-    released_at_once: Vec<Range<usize>>,
+    released_at_once: Vec<ReleasedAtOnce>,
 }
 
 impl Reader {
@@ -203,8 +204,8 @@ impl Iterator for Reader {
             self.moments += 1;
             let Carried { motion, broken, last_s } = &mut self.carried;
             if let Some(before) = &self.before {
-                let at_once = self.released_at_once.iter().any(|drive| drive.contains(&moment.row));
-                let more = moment.motion_from(before, at_once);
+                let keys = self.released_at_once.iter().find(|drive| drive.rows.contains(&moment.row));
+                let more = moment.motion_from(before, keys);
                 motion.way_m += more.way_m;
                 motion.turn_rad += more.turn_rad;
             }

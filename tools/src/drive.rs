@@ -65,7 +65,7 @@ impl Drive {
         let mut usual = Vec::new();
         for folder in folders {
             let moments: Vec<Moment> = Recording::open(folder)?.collect::<Result<_, _>>()?;
-            let motion = |i: usize| moments[i].motion_from(&moments[i.saturating_sub(1)], false);
+            let motion = |i: usize| moments[i].motion_from(&moments[i.saturating_sub(1)], None);
             let mut motions: Vec<Motion> = (0..moments.len()).map(motion).collect();
             if let (Some(&last), Some(first)) = (usual.last(), motions.first_mut()) {
                 *first = last; // the folders' clocks do not tell how long it was, but it was one interval

@@ -1,8 +1,11 @@
 //! How a keyboard steers in a driving log.
 //!
 //! A key moves the steering towards full lock while it is pressed. When it is released, the steering goes back as fast in most
-//! builds of the stock simulator, and in some it is zero at once. Those read the keys once a picture, as they record: what
-//! a row tells was steered up to that row and no longer.
+//! builds of the stock simulator, and in some it is zero at once. In those the steering grows by a twentieth of full lock with each
+//! step of the physics, and the keys are read once a drawn frame. Some of them record a row with each frame: what a row tells was
+//! then steered up to that row and no longer. In others there are two frames between most rows, so that half of the releases
+//! come halfway between two rows. The first value after a key was pressed tells which: it is as much as grows in the time between
+//! two rows, or in half of it.
 
 use std::ops::Range;
 
@@ -12,10 +15,26 @@ use super::{Break, By, Moment, Recording, RecordingError, RunKind};
 const NEXT_S: f64 = 0.3;
 /// The steering, of 1, from which no key goes back to zero gradually in that time without being seen on its way.
 const FAR: f64 = 0.4;
-/// So many releases must tell it.
+/// So many releases must tell it, and so many presses that there are two frames between rows.
 const ENOUGH: usize = 10;
+/// A step of the physics, in seconds, and how much of full lock the steering grows in it while a key is pressed.
+const STEP_S: f64 = 0.02;
+const GROWS: f64 = 0.05;
+/// Rows that are farther apart than this, in seconds, have two frames between them, if there are two anywhere.
+const TWO_FRAMES_S: f64 = 0.095;
+/// A first value of less than this share of what grows between two rows shows a key that was pressed halfway between them.
+const HALFWAY: f64 = 0.75;
 
-/// The rows of the drives by hand whose steering is zero at once when a key is released. `joins` says after which breaks
+/// A drive by hand whose steering is zero at once when a key is released.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReleasedAtOnce {
+    /// Its rows.
+    pub rows: Range<usize>,
+    /// Whether keys are read halfway between rows, too.
+    pub halfway: bool,
+}
+
+/// The drives by hand whose steering is zero at once when a key is released. `joins` says after which breaks
 /// another drive begins, perhaps in another build. Only driving logs tell, and runs converted from them: other runs do not
 /// hold what a human steered, so nothing is read from them.
 ///
@@ -24,7 +43,7 @@ const ENOUGH: usize = 10;
 pub fn released_at_once(
     recording: Recording,
     joins: impl Fn(Break) -> bool,
-) -> Result<Vec<Range<usize>>, RecordingError> {
+) -> Result<Vec<ReleasedAtOnce>, RecordingError> {
     if recording.header().kind != RunKind::DrivingLog {
         return Ok(vec![]);
     }
@@ -40,18 +59,48 @@ pub fn released_at_once(
         if let (Some((then_s, was)), Some((now_s, is)), None) = (before, now, moment.broken)
             && now_s - then_s < NEXT_S
         {
-            releases.between(was, is);
+            releases.between(was, is, now_s - then_s);
         }
         before = now;
     }
     drives.push((drive, releases));
-    Ok(drives.into_iter().filter(|(_, releases)| releases.at_once()).map(|(drive, _)| drive).collect())
+    let at_once = drives.into_iter().filter(|(_, releases)| releases.at_once());
+    Ok(at_once.map(|(rows, releases)| ReleasedAtOnce { rows, halfway: releases.halfway() }).collect())
 }
 
-/// The mean of what was steered between two rows, if a release is at once.
-pub(super) fn mean(was: f64, is: f64) -> f64 {
-    let pressed_on = was * is >= 0.0 && is.abs() >= was.abs();
-    if pressed_on { f64::midpoint(was, is) } else { is / 2.0 }
+impl ReleasedAtOnce {
+    /// The mean of what was steered between two rows that are so many seconds apart.
+    pub(super) fn mean(&self, was: f64, is: f64, apart_s: f64) -> f64 {
+        let (from, to) = (was.abs(), is.abs());
+        let steps = steps(apart_s);
+        if to == 0.0 {
+            // Half of the keys are pressed on for half of the time.
+            let released_halfway = self.halfway && from > 0.0 && apart_s > TWO_FRAMES_S;
+            return if released_halfway { was.signum() * grown(from, steps / 2.0) / 4.0 } else { 0.0 };
+        }
+        let pressed_on = was * is > 0.0 && to >= from;
+        let pressed = if !pressed_on {
+            // Another key, or this one anew: as late as its value tells.
+            (to / GROWS).round().clamp(1.0, steps)
+        } else if to >= 1.0 {
+            steps
+        } else {
+            ((to - from) / GROWS).round().max(1.0)
+        };
+        let (began, share) = if pressed_on { (from, 1.0) } else { ((to - GROWS * pressed).max(0.0), pressed / steps) };
+        is.signum() * grown(began, pressed) * share
+    }
+}
+
+/// The steps of the physics in a time.
+fn steps(apart_s: f64) -> f64 {
+    (apart_s / STEP_S).round().max(1.0)
+}
+
+/// The mean of the steering over so many steps in which a key is pressed: it grows before each of them, up to full lock.
+fn grown(from: f64, steps: f64) -> f64 {
+    let count = steps.floor().max(1.0) as u32;
+    (1..=count).map(|step| (from + GROWS * f64::from(step)).min(1.0)).sum::<f64>() / f64::from(count)
 }
 
 /// What a human steered from this moment on.
@@ -59,15 +108,21 @@ fn by_hand(moment: &Moment) -> Option<f64> {
     moment.command.as_ref().filter(|command| command.by == By::Human).map(|command| command.steering.get())
 }
 
-/// From far to zero, and from far to less.
+/// From far to zero, and from far to less; and first values after zero, in all and of keys pressed halfway between rows.
 #[derive(Debug, Default)]
 struct Releases {
     at_once: usize,
     gradual: usize,
+    pressed: usize,
+    pressed_halfway: usize,
 }
 
 impl Releases {
-    fn between(&mut self, was: f64, is: f64) {
+    fn between(&mut self, was: f64, is: f64, apart_s: f64) {
+        if was == 0.0 && is != 0.0 && apart_s > TWO_FRAMES_S {
+            self.pressed += 1;
+            self.pressed_halfway += usize::from(is.abs() < HALFWAY * GROWS * steps(apart_s));
+        }
         if was.abs() > FAR && is == 0.0 {
             self.at_once += 1;
         } else if was.abs() > FAR && was * is > 0.0 && is.abs() < was.abs() {
@@ -78,17 +133,26 @@ impl Releases {
     fn at_once(&self) -> bool {
         self.at_once >= ENOUGH && self.at_once > 4 * self.gradual
     }
+
+    fn halfway(&self) -> bool {
+        self.pressed_halfway >= ENOUGH && 4 * self.pressed_halfway > self.pressed
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn released(values: &[f64]) -> bool {
+    /// Of rows 0.12 s apart.
+    fn releases(values: &[f64]) -> Releases {
         let mut releases = Releases::default();
         let values = values.repeat(ENOUGH);
-        values.windows(2).for_each(|pair| releases.between(pair[0], pair[1]));
-        releases.at_once()
+        values.windows(2).for_each(|pair| releases.between(pair[0], pair[1], 0.12));
+        releases
+    }
+
+    fn released(values: &[f64]) -> bool {
+        releases(values).at_once()
     }
 
     #[test]
@@ -99,8 +163,48 @@ mod tests {
     }
 
     #[test]
+    fn first_values_tell_whether_keys_are_read_halfway_between_rows() {
+        assert!(!releases(&[0.0, -0.3, -0.6, 0.0]).halfway());
+        assert!(releases(&[0.0, -0.3, -0.6, 0.0, 0.15, 0.45, 0.0]).halfway());
+        assert!(!releases(&[0.0, -0.3, 0.0]).halfway());
+    }
+
+    /// What such a key steers, step by step, against what is said of it by its rows alone.
+    #[test]
+    fn what_is_steered_between_rows_adds_up_to_what_a_keyboard_steers() {
+        for frames in [1_usize, 2] {
+            // Six steps between rows; keys are read once a frame, for so many frames, with pauses, in turns left and right.
+            let each = 6 / frames;
+            let keys: Vec<f64> = (0..4000).map(|i| [1.0, 0.0, -1.0, 0.0, 0.0][i / 7 % 5] * f64::from(i % 11 != 0)).collect();
+            let (mut steering, mut sum, mut told, mut row) = (0.0_f64, 0.0, 0.0, 0.0);
+            let (mut rows, mut releases) = (vec![], Releases::default());
+            for (frame, key) in keys.iter().enumerate() {
+                for _ in 0..each {
+                    steering = if *key == 0.0 || steering * key < 0.0 { 0.0 } else { steering };
+                    steering = (steering + GROWS * key).clamp(-1.0, 1.0);
+                    sum += steering.abs();
+                }
+                if (frame + 1) % frames == 0 {
+                    releases.between(row, steering, 0.12);
+                    rows.push((row, steering));
+                    row = steering;
+                }
+            }
+            assert_eq!(releases.halfway(), frames == 2);
+            let keys = ReleasedAtOnce { rows: 0..rows.len(), halfway: frames == 2 };
+            rows.iter().for_each(|(was, is)| told += keys.mean(*was, *is, 0.12).abs() * 6.0);
+            let ratio: f64 = told / sum;
+            assert!((ratio - 1.0).abs() < 0.02, "{frames} frames: {ratio}");
+        }
+    }
+
+    #[test]
     fn after_a_release_nothing_is_steered_until_the_next_row() {
-        assert_eq!([mean(-0.45, -0.75), mean(0.0, 0.3), mean(1.0, 1.0)], [-0.6, 0.15, 1.0]);
-        assert_eq!([mean(-0.75, 0.0), mean(-0.5, 0.3), mean(-0.5, -0.2)], [0.0, 0.15, -0.1]);
+        let keys = ReleasedAtOnce { rows: 0..9, halfway: false };
+        let mean = |was, is| (keys.mean(was, is, 0.12) * 1e3).round() / 1e3;
+        assert_eq!([mean(-0.45, -0.75), mean(0.0, 0.3), mean(1.0, 1.0)], [-0.625, 0.175, 1.0]);
+        assert_eq!([mean(-0.75, 0.0), mean(-0.5, 0.3), mean(-0.5, -0.2), mean(0.0, 0.0)], [0.0, 0.175, -0.083, 0.0]);
+        let halfway = ReleasedAtOnce { halfway: true, ..keys };
+        assert_eq!([halfway.mean(0.5, 0.0, 0.08), (halfway.mean(-0.5, 0.0, 0.12) * 1e3).round()], [0.0, -150.0]);
     }
 }

@@ -86,7 +86,7 @@ mod writer;
 pub use entries::{Entries, Entry, Step};
 pub use format::{Channel, FORMAT_VERSION, Schema};
 pub use items::{Item, ModelId, RunHeader, RunKind};
-pub use keys::released_at_once;
+pub use keys::{ReleasedAtOnce, released_at_once};
 pub use messages::{EncodeError, Encoded, Messages};
 pub use moment::{Break, CameraPosition, LONGEST_GAP, Moment, Picture};
 pub use open::{Recording, folders_with_recordings, instead_of_recordings, is_run_name, recordings_in};

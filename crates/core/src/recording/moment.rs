@@ -6,7 +6,7 @@ use bytes::Bytes;
 use jiff::civil::DateTime;
 use serde::{Deserialize, Serialize};
 
-use super::{By, CommandRecord, EventRecord, keys, read_picture};
+use super::{By, CommandRecord, EventRecord, ReleasedAtOnce, read_picture};
 use crate::{
     motion::{Motion, curvature},
     protocol::Telemetry,
@@ -60,14 +60,15 @@ impl Moment {
         self.command.as_ref().filter(|command| command.by != By::Off)
     }
 
-    /// How the car came here from the moment before, by its speeds and the steering that was in effect. `released_at_once` says
-    /// so of a keyboard's ([`released_at_once`](super::released_at_once)).
-    pub fn motion_from(&self, before: &Self, released_at_once: bool) -> Motion {
+    /// How the car came here from the moment before, by its speeds and the steering that was in effect: a keyboard's, if it
+    /// is [`released_at_once`](super::released_at_once).
+    pub fn motion_from(&self, before: &Self, keys: Option<&ReleasedAtOnce>) -> Motion {
         let mps = |moment: &Self| moment.telemetry.speed.metres_per_second().get();
-        let way_m = self.at.saturating_sub(before.at).as_secs_f64() * (mps(self) + mps(before)) / 2.0;
-        let steered = match (before.steering(), self.steering()) {
-            (Some(was), Some(is)) if released_at_once => Some(Steering::saturating(keys::mean(was.get(), is.get()))),
-            (was, _) => was,
+        let apart_s = self.at.saturating_sub(before.at).as_secs_f64();
+        let way_m = apart_s * (mps(self) + mps(before)) / 2.0;
+        let steered = match (before.steering(), self.steering(), keys) {
+            (Some(was), Some(is), Some(keys)) => Some(Steering::saturating(keys.mean(was.get(), is.get(), apart_s))),
+            (was, ..) => was,
         };
         // Without an answer, what was steered is told by the next telemetry.
         let steering_deg = steered.map_or(self.telemetry.steering.get(), |steering| steering.degrees().get());
