@@ -14,7 +14,7 @@ use lapwing::{
 use lapwing_core::{
     motion::around,
     perception::{Frame, decode_jpeg},
-    recording::{CameraPosition, Recording, released_at_once},
+    recording::{CameraPosition, Recording, ReleasedAtOnce, released_at_once},
 };
 use lapwing_learn::dataset;
 use lapwing_score::odometry::joins;
@@ -117,10 +117,11 @@ fn how_a_keyboard_is_released_is_told_drive_by_drive_in_a_log_and_in_the_run_tha
     let dir = tempdir().unwrap();
     let (folder, run) = (dir.path().join("drives"), dir.path().join("drives.mcap"));
     fs::create_dir_all(folder.join("IMG")).unwrap();
-    let at_once = ["0", "-0.15", "-0.45", "-0.75", "-1", "0"].repeat(12);
+    let at_once = ["0", "-0.25", "-0.5", "-0.75", "-1", "0"].repeat(12);
+    let halfway = ["0", "-0.15", "-0.4", "-0.65", "-0.9", "0"].repeat(12);
     let gradually = ["0", "-0.2", "-0.45", "-0.35", "-0.1", "0"].repeat(12);
     let mut log = String::new();
-    for (minute, drive) in [&at_once, &gradually, &at_once].into_iter().enumerate() {
+    for (minute, drive) in [&at_once, &gradually, &halfway].into_iter().enumerate() {
         for (i, steering) in drive.iter().enumerate() {
             let (minute, second, ms) = (10 * minute, i / 10, i % 10 * 100);
             let name = format!("center_2026_11_27_08_{minute:02}_{second:02}_{ms:03}.jpg");
@@ -133,8 +134,9 @@ fn how_a_keyboard_is_released_is_told_drive_by_drive_in_a_log_and_in_the_run_tha
     assert_eq!(converted.rows, 216);
     for path in [folder, run] {
         let drives = released_at_once(Recording::open(&path).unwrap(), joins).unwrap();
-        let rows: Vec<_> = drives.into_iter().map(|drive| drive.rows).collect();
-        assert_eq!(rows, [0..72, 144..216], "{}", path.display());
+        let expected = [(0..72, false), (144..216, true)];
+        let expected = expected.map(|(rows, two_frames_per_row)| ReleasedAtOnce { rows, two_frames_per_row });
+        assert_eq!(drives, expected, "{}", path.display());
     }
 }
 

@@ -18,7 +18,7 @@ const LEAST_M: f64 = 2.0;
 const LATEST_S: f64 = 0.3;
 const STEP_S: f64 = 0.02;
 /// How well its steering must explain a car's turning, as a correlation, for its gearing to be believed: those of the
-/// real builds have 0.983 and more.
+/// real builds have 0.985 and more.
 const EXPLAINED: f64 = 0.95;
 /// No build is known to be geared outside of this.
 const GEARED: std::ops::RangeInclusive<f64> = 0.7..=1.4;

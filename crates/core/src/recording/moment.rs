@@ -60,8 +60,8 @@ impl Moment {
         self.command.as_ref().filter(|command| command.by != By::Off)
     }
 
-    /// How the car came here from the moment before, by its speeds and the steering that was in effect: a keyboard's, if it
-    /// is [`released_at_once`](super::released_at_once).
+    /// How the car came here from the moment before, by its speeds and the steering that was in effect. `keys` is the keyboard that
+    /// steered, if its steering is zero at once when a key is released ([`released_at_once`](super::released_at_once)).
     pub fn motion_from(&self, before: &Self, keys: Option<&ReleasedAtOnce>) -> Motion {
         let mps = |moment: &Self| moment.telemetry.speed.metres_per_second().get();
         let apart_s = self.at.saturating_sub(before.at).as_secs_f64();
