@@ -80,8 +80,13 @@ pub fn draw(all: &[Compared]) -> Chart {
     let ends = (1.0, pilots as f64);
     chart.series.push(Series::new("as in the simulator", Marks::Line(vec![(ends.0, ends.0), (ends.1, ends.1)])));
     let road = mean(Measure::Interventions, true);
-    let open = Measure::OPEN.map(|measure| (measure.name(), measure));
-    for (name, measure) in open.into_iter().chain([("closed loop, interventions", Measure::Interventions)]) {
+    // Short, for there is one line for all.
+    for (name, measure) in [
+        ("open loop, MSE", Measure::Mse),
+        ("MAE", Measure::Mae),
+        ("r", Measure::R),
+        ("closed loop", Measure::Interventions),
+    ] {
         let points = road.iter().copied().zip(mean(measure, false)).collect();
         chart.series.push(Series::new(name, Marks::Points(points)));
     }
