@@ -81,17 +81,15 @@ impl ReleasedAtOnce {
             let held = self.two_frames_per_row && from > 0.0 && apart_s > TWO_FRAMES_S;
             return if held { was.signum() * mean_while_held(from, count / 2.0) / 4.0 } else { 0.0 };
         }
-        let is_held = was * is > 0.0 && to >= from;
-        let held = if !is_held {
-            // Another key, or this one anew: as late as its value tells.
-            (to / GROWTH_PER_STEP).round().clamp(1.0, count)
-        } else if to >= 1.0 {
-            count
+        let mean = if was * is > 0.0 && to >= from {
+            let held = if to >= 1.0 { count } else { ((to - from) / GROWTH_PER_STEP).round().max(1.0) };
+            mean_while_held(from, held).min(to)
         } else {
-            ((to - from) / GROWTH_PER_STEP).round().max(1.0)
+            // Another key, or this one anew: as late as its value tells.
+            let held = (to / GROWTH_PER_STEP).round().clamp(1.0, count);
+            mean_while_held((to - GROWTH_PER_STEP * held).max(0.0), held).min(to) * (held / count)
         };
-        let (began, share) = if is_held { (from, 1.0) } else { ((to - GROWTH_PER_STEP * held).max(0.0), held / count) };
-        is.signum() * mean_while_held(began, held).min(to) * share
+        is.signum() * mean
     }
 }
 
