@@ -245,9 +245,16 @@ fn along_the_real_lake_the_built_in_pilot_is_near_the_middle_of_the_lane() {
 }
 
 #[test]
-fn along_200_rows_of_each_real_road_which_it_has_not_seen_the_built_in_pilot_keeps_to_its_lane() {
-    for (name, first, most_m) in [("lake", 1500, 0.25), ("jungle", 1150, 0.4), ("mountain", 800, 0.6)] {
-        let Some((dir, located)) = real(name, first, 200) else { return };
+fn along_rows_of_each_real_recording_which_it_has_not_seen_the_built_in_pilot_keeps_to_its_lane() {
+    for (name, first, count, most_m) in [
+        ("lake", 1500, 200, 0.25),
+        ("lake-clockwise", 466, 234, 0.25),
+        ("lake-high-graphics", 466, 234, 0.25),
+        ("jungle", 1150, 200, 0.4),
+        ("jungle-rest", 1400, 200, 0.4),
+        ("mountain", 800, 200, 0.6),
+    ] {
+        let Some((dir, located)) = real(name, first, count) else { return };
         let mut world = RecordedWorld::open(dir.path(), None, Yaw::Pictures, located).unwrap();
         assert_eq!(world.limit(), Limit::Road, "{name}: the lane is known along most of the way");
         let card = driven(&mut world, built_in());
