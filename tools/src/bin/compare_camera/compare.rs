@@ -115,8 +115,12 @@ impl CameraComparison {
                 }
             }
         }
+        // Of the same places: the road's slope moves it.
+        if let [Some(real), Some(rendered)] = pair.horizons {
+            self.horizons[0].push(real);
+            self.horizons[1].push(rendered);
+        }
         for which in 0..2 {
-            self.horizons[which].extend(pair.horizons[which]);
             for (all, colour) in self.colours[which].iter_mut().zip(pair.colours[which]) {
                 all.extend(colour);
             }
