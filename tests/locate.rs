@@ -98,8 +98,9 @@ fn a_real_drive_the_other_way_round_is_located_too() {
 
 /// The expert along the lane at 20 mph: its car's middle swings out in bends.
 #[test]
-fn simulated_drives_through_tight_bends_in_rain_at_night_and_in_haze_are_located_where_they_were() {
-    for (road, conditions) in [("lake", "rain=0.6,noise=3"), ("jungle", "night=0.7"), ("mountain", "haze=0.6,noise=3")] {
+fn simulated_drives_through_tight_bends_in_rain_in_haze_and_at_night_are_located_where_they_were() {
+    for (road, conditions) in [("lake", "rain=0.6,noise=3"), ("jungle", "night=0.7"), ("mountain", "haze=0.6,noise=3")]
+    {
         let (_dir, run) = driven(&["--track", road, "--conditions", conditions, "--max-time", "12"]);
         let name = format!("{road} in {conditions}");
         let placed = placed(Summary::new(name.clone(), &located(&run, CameraPosition::Center), None));

@@ -11,8 +11,7 @@ use lapwing_core::{
 /// How a build reports its steering.
 #[derive(Debug, Clone, Copy)]
 pub struct Build {
-    /// Reported over real steering. Summed over a lap, the steering of real logs, taken as a line from row to row, is up to 22 % too
-    /// much or too little, mostly because of how the keyboard's is released.
+    /// Reported over real steering. The steering of real logs, taken as a line from row to row, lies within this range but for one.
     pub gear: f64,
     /// Telemetries by which it lags behind.
     pub lag: usize,

@@ -127,7 +127,7 @@ fn chart(on: &On, part: &Part, network: Option<&ByNetwork>) -> Chart {
     }
     let (left, right) =
         (-track.half_width() - track.file().driving_line_m, track.half_width() - track.file().driving_line_m);
-    let name = |i: usize| if laps.len() > 1 { format!("round {}", i + 1) } else { String::new() };
+    let name = |i: usize| if laps.len() > 1 { format!("lap {}", i + 1) } else { String::new() };
     let lines = laps.iter().enumerate().map(|(i, lap)| Series::new(name(i), Marks::Line(lap.clone())));
     let mut series: Vec<_> = lines.collect();
     if let Some(network) = network {

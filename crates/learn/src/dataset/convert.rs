@@ -45,7 +45,7 @@ pub struct Converted {
     pub without_picture: u64,
     /// Why the first of those rows' pictures cannot be used.
     pub unusable: Option<String>,
-    /// Pictures of the side cameras left out.
+    /// Pictures of the side cameras that are there and are left out.
     pub side_pictures: u64,
     /// Where a human took over or the car was put back in the run: the folder has a gap in time there.
     pub seams: u64,
@@ -111,7 +111,8 @@ fn to_run(log: &DrivingLog, target: &Path, progress: OnRow<'_>) -> Result<Conver
         recorder.wait_for_room();
         row.items(jpeg).for_each(|item| recorder.record(row.at, item));
         converted.rows += 1;
-        converted.side_pictures += [&row.left, &row.right].into_iter().flatten().count() as u64;
+        let sides = [&row.left, &row.right].into_iter().flatten();
+        converted.side_pictures += sides.filter(|picture| picture.is_file()).count() as u64;
         go_on(progress(converted.rows, Some(log.rows.len() as u64)), target)
     });
     let report = recorder.finish();

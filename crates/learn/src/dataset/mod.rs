@@ -51,6 +51,7 @@ pub use inspect::{CameraCount, Distribution, Gap, Histogram, Inspection, Interva
 pub use lapwing_core::recording::CameraPosition;
 pub use loader::{Batch, Cache, Frames, Inputs, Loader, Numbers, Workers};
 pub use preview::preview;
+pub(crate) use samples::samples_hash;
 pub use samples::{CameraInLane, Label, Sample, Samples, Selection, Set};
 pub use sheet::{SHOWN, contact_sheet};
 pub use source::{Labelled, Source, check, read};

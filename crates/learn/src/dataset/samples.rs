@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{Balance, Blocks, CameraPosition, DatasetError, Source, lane::LaneLabels, places, source::PictureCheck};
-use lapwing_core::{recording::udacity::LOG_NAME, units::Mph, words::count};
+use lapwing_core::{hash::sha256, recording::udacity::LOG_NAME, units::Mph, words::count};
 
 /// What to use of one data set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -183,6 +183,20 @@ impl Sample {
             Label::HeadingDeg => self.in_lane.map_or(f64::NAN, |at| at.heading_deg),
         }
     }
+}
+
+/// A hash of each sample's source, row, camera, labels, speed and weight, in order; of no pictures. Resume states hold it, so another
+/// layout would refuse them all.
+pub(crate) fn samples_hash(sets: [&[Sample]; 2]) -> String {
+    let bytes = |sample: &Sample| {
+        let Sample { source, row, camera, steering, acceleration, speed, in_lane, weight } = *sample;
+        let CameraInLane { offset_m, heading_deg } =
+            in_lane.unwrap_or(CameraInLane { offset_m: f64::NAN, heading_deg: f64::NAN });
+        let whole = [u64::from(source), u64::from(row), camera as u64].map(u64::to_le_bytes);
+        let numbers = [steering, acceleration, speed.get(), offset_m, heading_deg, weight].map(f64::to_le_bytes);
+        [whole.as_flattened(), numbers.as_flattened()].concat()
+    };
+    sha256(sets.into_iter().flatten().flat_map(bytes).collect::<Vec<u8>>())
 }
 
 /// Which part of the data.

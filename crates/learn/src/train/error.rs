@@ -102,9 +102,9 @@ pub enum TrainError {
         /// All that differs, with expected and got.
         differences: String,
     },
-    /// The data is not what the training in that folder began with.
+    /// The samples are not those that the training in that folder began with.
     #[error(
-        "{folder}: the data has changed since this training began: expected samples: {expected}, got {got}: undo the change, or begin a new training in another folder",
+        "{folder}: the samples have changed since this training began: expected {expected}, got {got}: undo the change, or begin a new training in another folder",
         folder = folder.display()
     )]
     OtherData {

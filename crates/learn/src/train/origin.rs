@@ -14,6 +14,9 @@ pub(super) struct Origin {
     pub recipe: Recipe,
     /// Samples of training and validation.
     pub samples: (usize, usize),
+    /// Their [hash](crate::dataset::samples_hash); missing in files from before it was stored.
+    #[serde(default)]
+    pub hash: Option<String>,
 }
 
 /// Settings that may change in between: they decide when a training ends or how it is stored, and do not affect the
@@ -43,12 +46,17 @@ impl Origin {
     }
 
     /// Checks that the data did not change under the same names.
-    pub fn check_samples(&self, samples: (usize, usize), folder: &Path) -> Result<(), TrainError> {
-        if self.samples == samples {
-            return Ok(());
-        }
+    pub fn check_samples(&self, samples: (usize, usize), hash: &str, folder: &Path) -> Result<(), TrainError> {
         let told = |(training, validation): (usize, usize)| format!("{training} and {validation} held out");
-        Err(TrainError::OtherData { folder: folder.to_owned(), expected: told(self.samples), got: told(samples) })
+        let got = match &self.hash {
+            _ if self.samples != samples => told(samples),
+            Some(before) if before != hash => {
+                "as many with other labels or weights, in another order, or as another version of Lapwing labels them"
+                    .into()
+            }
+            _ => return Ok(()),
+        };
+        Err(TrainError::OtherData { folder: folder.to_owned(), expected: told(self.samples), got })
     }
 }
 
@@ -86,7 +94,8 @@ mod tests {
 
     fn origin() -> Origin {
         let data = vec![Selection::of("lake"), Selection::of("jungle")];
-        Origin { recipe: Recipe { data, ..Recipe::default() }, samples: (400, 100) }
+        let hash = Some("abc".into());
+        Origin { recipe: Recipe { data, ..Recipe::default() }, samples: (400, 100), hash }
     }
 
     #[test]
@@ -103,8 +112,13 @@ mod tests {
             error.starts_with(&format!("out already holds a training with another recipe: {differences}:")),
             "{error}"
         );
-        let error = origin().check_samples((400, 90), Path::new("out")).unwrap_err().to_string();
-        assert!(error.contains("expected samples: 400 and 100 held out, got 400 and 90 held out: undo"), "{error}");
+        let refused = |samples, hash| origin().check_samples(samples, hash, Path::new("out")).unwrap_err().to_string();
+        let error = refused((400, 90), "abd");
+        assert!(error.contains("expected 400 and 100 held out, got 400 and 90 held out: undo"), "{error}");
+        let error = refused((400, 100), "abd");
+        assert!(error.contains("expected 400 and 100 held out, got as many with other labels or weights"), "{error}");
+        origin().check_samples((400, 100), "abc", Path::new("out")).unwrap();
+        Origin { hash: None, ..origin() }.check_samples((400, 100), "abd", Path::new("out")).unwrap();
     }
 
     #[test]

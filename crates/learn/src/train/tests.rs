@@ -313,9 +313,12 @@ fn a_training_goes_on_by_its_own_recipe_and_on_its_own_data_only() {
     let error = refused(|r| r.epochs = 1);
     assert_eq!(error, "epochs: expected at least as many as are done, got 1, and 3 are done");
     let log = fs::read_to_string(dir.path().join("driving_log.csv")).unwrap();
+    fs::write(dir.path().join("driving_log.csv"), log.replacen("0.jpg,,,0,", "0.jpg,,,0.01,", 1)).unwrap();
+    let error = refused(|_| ());
+    assert!(error.contains("expected 30 and 10 held out, got as many with other labels"), "{error}");
     fs::write(dir.path().join("driving_log.csv"), log.lines().take(39).collect::<Vec<_>>().join("\n")).unwrap();
     let error = refused(|_| ());
-    assert!(error.contains("expected samples: 30 and 10 held out, got 29 and 10 held out: undo"), "{error}");
+    assert!(error.contains("expected 30 and 10 held out, got 29 and 10 held out: undo"), "{error}");
 }
 
 #[test]

@@ -21,7 +21,7 @@ use super::{
     state::{self, MODEL, Position, STATE, Stored},
 };
 use crate::{
-    dataset::{Batch, Cache, Inputs, Loader, Samples, Workers},
+    dataset::{Batch, Cache, Inputs, Loader, Samples, Workers, samples_hash},
     nn::{self, Architecture, Design, Metadata, Network, NnError, Precision, in_variable_store},
 };
 use lapwing_core::{
@@ -115,7 +115,8 @@ impl Trainer {
         };
         let (training, validation) = preparation::data(&recipe, architecture)?;
         let samples = (training.samples.len(), validation.samples.len());
-        before.map_or(Ok(()), |origin| origin.check_samples(samples, out))?;
+        let hash = samples_hash([&training.samples, &validation.samples]);
+        before.map_or(Ok(()), |origin| origin.check_samples(samples, &hash, out))?;
         preparation::check_room(&recipe, &inputs)?;
         let with_cache = |samples: Samples, share: usize| {
             let cache = Cache::new(&samples, (recipe.cache_mib << 20) / 5 * share);
@@ -162,7 +163,7 @@ impl Trainer {
         let stepper = Stepper::new(recipe.optimiser.clone(), weights)?;
         let position = Position { factor: 1.0, ..Position::default() };
         let mut trainer = Self {
-            origin: Origin { recipe: recipe.clone(), samples },
+            origin: Origin { recipe: recipe.clone(), samples, hash: Some(hash) },
             recipe,
             out: out.to_owned(),
             device,

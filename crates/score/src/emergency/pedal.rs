@@ -19,6 +19,7 @@ use std::{
 
 use crate::score::RunClock;
 use lapwing_core::{
+    files::with_newlines,
     recording::{Break, EventRecord, LONGEST_GAP, Moment, Recording, RecordingError, RunKind},
     units::{MPS_PER_KMH, MPS_PER_MPH},
 };
@@ -230,8 +231,7 @@ fn text_of_table(path: &Path) -> Result<Option<String>, PedalError> {
         return Ok(None);
     }
     let bytes = fs::read(path).map_err(|source| PedalError::Read { path: path.to_owned(), source })?;
-    // Some programs still end a line by a carriage return alone.
-    let text = String::from_utf8_lossy(&bytes).replace("\r\n", "\n").replace('\r', "\n");
+    let text = with_newlines(String::from_utf8_lossy(&bytes)).into_owned();
     let heading = heading(&text);
     // A driving log names its pictures, or begins with them, and then numbers.
     let is_number = |field: &&str| field.parse::<f64>().is_ok();
@@ -269,7 +269,7 @@ fn fields(line: &str) -> Vec<&str> {
 impl Column {
     /// Where it is in a heading, and its unit.
     fn find(&self, heading: &[&str]) -> Result<(usize, Unit), String> {
-        let unit = |name: &str| self.units.iter().find(|unit| unit.0 == name).copied();
+        let unit = |name: &str| self.units.iter().find(|unit| unit.0.eq_ignore_ascii_case(name)).copied();
         let found: Vec<_> =
             heading.iter().enumerate().filter_map(|(i, name)| unit(name).map(|unit| (i, unit))).collect();
         match found[..] {
@@ -393,7 +393,7 @@ mod tests {
         assert_eq!(ours.drives.iter().map(Vec::len).collect::<Vec<_>>(), [2, 1], "a gap of two seconds");
         assert_eq!(ours.drives[0][1], Pressed { at_s: 0.1, speed_kmh: 18.0, pedal: 0.5 });
         let theirs =
-            opened("\u{feff}brake_percent, note,time_ms,speed_mps\r\n0,x,0,10\r\n50,,100,5\r\n\r\n100,,2500,0")
+            opened("\u{feff}Brake_percent, note,TIME_MS,speed_mps\r\n0,x,0,10\r\n50,,100,5\r\n\r\n100,,2500,0")
                 .unwrap();
         let old = opened("time_s,speed_kmh,brake\r0.0,36,0\r0.1,18,0.5\r2.5,0,1\r").unwrap();
         assert_eq!(old, ours, "lines that end in carriage returns");

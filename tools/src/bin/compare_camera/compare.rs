@@ -115,7 +115,7 @@ impl CameraComparison {
                 }
             }
         }
-        // Of the same places: the road's slope moves it.
+        // Only places where both are found: the horizon moves with the road's slope.
         if let [Some(real), Some(rendered)] = pair.horizons {
             self.horizons[0].push(real);
             self.horizons[1].push(rendered);

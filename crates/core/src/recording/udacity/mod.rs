@@ -6,7 +6,7 @@
 //!
 //! - with or without a header, which then gives the order of the columns (`center`, `left`, `right`, `steering`,
 //!   `throttle`, `brake`, `speed`; others are ignored); each part of a joined log may have its own;
-//! - `,` or `, ` between the fields, with or without quotes; LF or CRLF; with
+//! - `,` or `, ` between the fields, with or without quotes; LF, CRLF or CR; with
 //!   or without a byte order mark and a final newline;
 //! - any path of Windows, macOS or Linux, or none: only the file name counts, and it is looked up in `IMG` beside the
 //!   log, or beside the log itself where there is no `IMG`. Only if there is no such file, but there is one at the
@@ -38,6 +38,7 @@ use self::line::{Bad, Column, Columns};
 pub use self::writer::{DrivingLogWriter, NewRow};
 use super::{Break, CommandRecord, Item, RecordingError, RunHeader, RunKind, read_file, read_picture};
 use crate::{
+    files::with_newlines,
     protocol::{CameraImage, Telemetry, Truth},
     units::{Mph, Steering, Throttle},
 };
@@ -125,7 +126,7 @@ impl DrivingLog {
         let text = if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {
             Err((1, Bad::utf_16()))
         } else {
-            Ok(String::from_utf8_lossy(&bytes))
+            Ok(with_newlines(String::from_utf8_lossy(&bytes)))
         };
         let rows = text.and_then(|text| read(&text, folders)).map_err(|(line, bad)| RecordingError::Log {
             path: path.clone(),

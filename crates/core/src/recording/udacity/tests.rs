@@ -73,6 +73,14 @@ fn a_header_says_the_order_of_the_columns() {
 }
 
 #[test]
+fn lines_may_end_in_carriage_returns_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::write(dir.path().join(LOG_NAME), "c.jpg,l.jpg,r.jpg,0.1,0.5,0,9\rd.jpg,l.jpg,r.jpg,0.2,0.5,0,9\r").unwrap();
+    let log = DrivingLog::open(dir.path()).unwrap();
+    assert_eq!(log.rows.iter().map(|row| (row.line, row.steering.get())).collect::<Vec<_>>(), [(1, 0.1), (2, 0.2)]);
+}
+
+#[test]
 fn each_part_of_a_joined_log_may_have_its_own_header() {
     let text = "center,left,right,steering,throttle,brake,speed\nIMG/1.jpg,,,0.1,0.5,0,9\n\
                 speed,brake,throttle,steering,center\n8,0,0.5,0.2,IMG/2.jpg\n\
