@@ -11,7 +11,7 @@ use lapwing_core::{
 /// How a build reports its steering.
 #[derive(Debug, Clone, Copy)]
 pub struct Build {
-    /// Reported over real steering. The steering of real logs, taken as a line from row to row, lies within this range but for one.
+    /// Reported over real steering. That of real logs, taken as a line from row to row, lies within this range but for one.
     pub gear: f64,
     /// Telemetries by which it lags behind.
     pub lag: usize,

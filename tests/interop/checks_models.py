@@ -51,25 +51,23 @@ class Elsewhere:
     def run(self, *arguments, code=0, environment=None):
         done = subprocess.run([LAPWING, *map(str, arguments)], cwd=self.out, env=environment or self.environment, capture_output=True,
                               text=True, timeout=300)
-        if code is not None:
-            equal(f"exit of lapwing {' '.join(map(str, arguments[:3]))} ({done.stderr[-400:].strip()})", done.returncode, code)
-        return done.stdout + done.stderr
+        said = done.stdout + done.stderr
+        equal(f"exit of lapwing {' '.join(map(str, arguments[:3]))} ({said[-600:].strip()})", done.returncode, code)
+        return said
 
     def check(self, model, shape):
-        """`lapwing model check` finds nothing wrong; the answers to 100 camera pictures. If some answers were late, and nothing else is
-        wrong, another check may have taken the processor: it is asked again."""
+        """`lapwing model check` finds nothing wrong; the answers to 100 camera pictures. If some answers were late, another check may
+        have taken the processor: it is asked again."""
         folder = f"{model}.answers"
-        for _ in range(3):
-            said = self.run("model", "check", model, "--run", LAKE, "--pictures", folder, "--json", code=None)
-            if not said.startswith("{"):
-                raise Failed(f"lapwing model check {model}: expected what it found as JSON, got {said[-300:]}")
-            checked = json.JSONDecoder().raw_decode(said)[0]
-            late = [trouble for trouble in checked["troubles"] if "one answer in a hundred takes" in trouble]
-            if not late or checked["troubles"] != late:
+        for left in (2, 1, 0):
+            try:
+                checked = self.run("model", "check", model, "--run", LAKE, "--pictures", folder, "--json")
                 break
-            shutil.rmtree(self.out / folder)
-        equal(f"what looks wrong in {model}", checked["troubles"], [])
-        equal(f"input of {model}", checked["input"], shape)
+            except Failed as failed:
+                if left == 0 or "one answer in a hundred takes" not in str(failed):
+                    raise
+                shutil.rmtree(self.out / folder)
+        equal(f"input of {model}", json.JSONDecoder().raw_decode(checked)[0]["input"], shape)
         with open(self.out / folder / "answers.csv") as table:
             here = [float(row["steering"]) for row in csv.DictReader(table)]
         equal("pictures", len(here), 100)

@@ -1,7 +1,6 @@
 //! Files that are written whole or not at all. Callers check that a file can be written before they start the work.
 
 use std::{
-    borrow::Cow,
     ffi::OsStr,
     fs::{self, File, OpenOptions, TryLockError},
     io::{self, Write},
@@ -26,11 +25,6 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     file.as_file().sync_all()?;
     file.persist(path)?;
     Ok(())
-}
-
-/// The text with newlines in place of carriage returns alone, by which some programs still end all lines.
-pub fn with_newlines(text: Cow<'_, str>) -> Cow<'_, str> {
-    if text.contains('\r') && !text.contains('\n') { text.replace('\r', "\n").into() } else { text }
 }
 
 /// A file beside this one, under a name that nobody takes for a result: to be written whole and then

@@ -58,6 +58,7 @@
 //! since then, so it never jumps with the wall clock.
 
 use std::{
+    borrow::Cow,
     fs::{self, File},
     io::{self, Read},
     path::{Path, PathBuf},
@@ -240,6 +241,17 @@ pub enum RecordingError {
 /// [`MOST_PICTURE`].
 pub fn read_picture(path: &Path) -> io::Result<Bytes> {
     read_file(path, "a picture", MOST_PICTURE as u64).map(Bytes::from)
+}
+
+/// The text of a table with each line ended by a newline: some programs still end it by a carriage return alone. CRLF stays, and so
+/// does the text unless it has such lines.
+pub fn with_newlines(text: Cow<'_, str>) -> Cow<'_, str> {
+    let ends_a_line = |(at, _): (usize, &str)| !text[at + 1..].starts_with(['\r', '\n']);
+    if text.match_indices('\r').any(ends_a_line) {
+        text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace('\r', "\n").into()
+    } else {
+        text
+    }
 }
 
 /// Reads a regular file of at most `most` bytes.

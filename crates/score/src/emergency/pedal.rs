@@ -19,8 +19,7 @@ use std::{
 
 use crate::score::RunClock;
 use lapwing_core::{
-    files::with_newlines,
-    recording::{Break, EventRecord, LONGEST_GAP, Moment, Recording, RecordingError, RunKind},
+    recording::{Break, EventRecord, LONGEST_GAP, Moment, Recording, RecordingError, RunKind, with_newlines},
     units::{MPS_PER_KMH, MPS_PER_MPH},
 };
 
@@ -397,6 +396,8 @@ mod tests {
                 .unwrap();
         let old = opened("time_s,speed_kmh,brake\r0.0,36,0\r0.1,18,0.5\r2.5,0,1\r").unwrap();
         assert_eq!(old, ours, "lines that end in carriage returns");
+        let mixed = opened("time_s,speed_kmh,brake\n0.0,36,0\r0.1,18,0.5\r\n2.5,0,1\r").unwrap();
+        assert_eq!(mixed, ours, "lines that end in one way and another");
         for (a, b) in ours.drives.iter().flatten().zip(theirs.drives.iter().flatten()) {
             let off = (a.at_s - b.at_s).abs() + (a.speed_kmh - b.speed_kmh).abs() + (a.pedal - b.pedal).abs();
             assert!(off < 1e-9, "{a:?} {b:?}");

@@ -36,9 +36,8 @@ use jiff::{
 
 use self::line::{Bad, Column, Columns};
 pub use self::writer::{DrivingLogWriter, NewRow};
-use super::{Break, CommandRecord, Item, RecordingError, RunHeader, RunKind, read_file, read_picture};
+use super::{Break, CommandRecord, Item, RecordingError, RunHeader, RunKind, read_file, read_picture, with_newlines};
 use crate::{
-    files::with_newlines,
     protocol::{CameraImage, Telemetry, Truth},
     units::{Mph, Steering, Throttle},
 };

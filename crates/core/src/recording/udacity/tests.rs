@@ -78,6 +78,11 @@ fn lines_may_end_in_carriage_returns_alone() {
     fs::write(dir.path().join(LOG_NAME), "c.jpg,l.jpg,r.jpg,0.1,0.5,0,9\rd.jpg,l.jpg,r.jpg,0.2,0.5,0,9\r").unwrap();
     let log = DrivingLog::open(dir.path()).unwrap();
     assert_eq!(log.rows.iter().map(|row| (row.line, row.steering.get())).collect::<Vec<_>>(), [(1, 0.1), (2, 0.2)]);
+    // Joined with a log of another program, and one whose line ends were converted twice.
+    let log = "c.jpg,,,0.1,0.5,0,9\rd.jpg,,,0.2,0.5,0,9\re.jpg,,,0.3,0.5,0,9\nf.jpg,,,0.4,0.5,0,9\r\r\ng.jpg,,,0.5,0.5,0,9\r\n";
+    fs::write(dir.path().join(LOG_NAME), log).unwrap();
+    let log = DrivingLog::open(dir.path()).unwrap();
+    assert_eq!(log.rows.iter().map(|row| row.line).collect::<Vec<_>>(), [1, 2, 3, 4, 5]);
 }
 
 #[test]
