@@ -34,7 +34,7 @@ const WEAVES_M: f64 = 1.6;
 /// How fast it drives.
 pub const SPEED: Mph = Mph::constant(20.0);
 
-/// A drive on the simulator's lake that weaves, as the stock recorder leaves it, and where the car was in truth.
+/// A drive on a simulated road that weaves, as the stock recorder leaves it, and where the car was in truth.
 pub struct Weaving {
     pub dir: TempDir,
     pub located: LocatedDrive,
@@ -42,18 +42,25 @@ pub struct Weaving {
 }
 
 impl Weaving {
+    /// On the lake.
     pub fn drive(seconds: f64) -> Self {
+        Self::on("lake", seconds)
+    }
+
+    pub fn on(road: &str, seconds: f64) -> Self {
         let dir = tempdir().unwrap();
         let options = RecordOptions { weave_m: WEAVES_M, ..RecordOptions::at(SPEED) };
-        let road = Road::new(Track::named("lake").unwrap());
-        let located = road.record(Some(seconds), options, &dir.path().join("lake")).unwrap();
-        let weaved = located.places.iter().flatten().map(|place| place.pose.offset_m.abs()).fold(0.0, f64::max);
+        let road = Road::new(Track::named(road).unwrap());
+        let located = road.record(Some(seconds), options, &dir.path().join("drive")).unwrap();
+        let lane_m = road.track.file().driving_line_m;
+        let weaved =
+            located.places.iter().flatten().map(|place| (place.pose.offset_m - lane_m).abs()).fold(0.0, f64::max);
         assert!((1.2..2.5).contains(&weaved), "it weaves, and stays on the road: {weaved:.2} m");
         Self { dir, located, road }
     }
 
     pub fn open(&self, limit: Option<Limit>, located: Option<LocatedDrive>) -> RecordedWorld {
-        RecordedWorld::open(&self.dir.path().join("lake"), limit, Yaw::Pictures, located).unwrap()
+        RecordedWorld::open(&self.dir.path().join("drive"), limit, Yaw::Pictures, located).unwrap()
     }
 }
 
@@ -160,7 +167,7 @@ fn where_the_lane_is_not_known_the_recorded_path_is_the_line_and_the_card_says_f
 #[test]
 fn by_steering_the_recorded_car_turns_as_it_was_steered_even_where_its_lane_is_known() {
     let weaving = Weaving::drive(8.0);
-    let (path, located) = (weaving.dir.path().join("lake"), Some(weaving.located.clone()));
+    let (path, located) = (weaving.dir.path().join("drive"), Some(weaving.located.clone()));
     let mut world = RecordedWorld::open(&path, None, Yaw::Steering, located).unwrap();
     straight_on(&mut world);
     let Sources { lane, pictures, steering } = world.sources();
@@ -189,7 +196,7 @@ fn by_the_rally_estonia_protocol_the_drive_goes_on_two_seconds_further() {
 #[test]
 fn cars_turn_as_far_for_what_they_are_steered_as_the_recorded_one_did() {
     let weaving = Weaving::drive(25.0);
-    let folder = weaving.dir.path().join("lake");
+    let folder = weaving.dir.path().join("drive");
     let told = || locating::gearing(&folder, &weaving.located).unwrap();
     let stock = told();
     assert!((stock - 1.0).abs() < 0.05, "{stock}");

@@ -20,7 +20,7 @@ use lapwing_sim::{
 };
 use tempfile::tempdir;
 
-use crate::{locate::rows, support::shared};
+use crate::{lane_loop, locate::rows, support::shared};
 
 /// How many pictures are looked at.
 fn pictures(default: usize) -> usize {
@@ -95,4 +95,17 @@ fn on_real_pictures_the_network_sees_the_side_cameras_about_where_they_sit_on_th
         assert!(sides.errors_m.median <= median_m && sides.errors_m.p95 <= p95_m, "{sides:?}");
         assert!(sides.left_m < -0.5 && sides.right_m > 0.5, "{sides:?}");
     }
+}
+
+#[test]
+fn on_the_real_lake_the_network_and_the_drawn_road_see_the_same_offset() {
+    let Some((dir, Some(drive))) = lane_loop::real_lake() else { return };
+    let seen = seen(dir.path(), CameraPosition::Center);
+    let apart = |i: usize| Some((seen.sure(i)?.offset_m - drive.in_lane(i)?.offset_m).abs());
+    let mut apart_m: Vec<f64> = (0..seen.rows.len()).filter_map(apart).collect();
+    apart_m.sort_by(f64::total_cmp);
+    assert!(apart_m.len() > 250, "both see the lane in {} of {} pictures", apart_m.len(), seen.rows.len());
+    let median_m = apart_m[apart_m.len() / 2];
+    println!("the real lake: {median_m:.3} m apart in the median");
+    assert!(median_m <= 0.15, "{median_m}");
 }

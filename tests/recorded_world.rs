@@ -28,7 +28,7 @@ use crate::{lane_loop::Weaving, program, support::shared};
 /// A simulated world whose pilot sees a weaving drive's pictures.
 fn seen_by(weaving: &Weaving, seconds: f64) -> (Simulation, Views) {
     let track = weaving.located.track.clone();
-    let drives = [(weaving.dir.path().join("lake"), weaving.located.clone())];
+    let drives = [(weaving.dir.path().join("drive"), weaving.located.clone())];
     let views = Views::open(&track, false, &drives).unwrap();
     let scenery = Arc::new(Scenery::new(&track));
     let setup = Setup { laps: None, longest_s: Some(seconds), ..Setup::new(track, scenery) };

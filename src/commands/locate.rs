@@ -60,7 +60,7 @@ pub(super) fn run(arguments: &cli::Locate) -> anyhow::Result<Ended> {
     let mut found = of("centre", CameraPosition::Center)?;
     if let Some(drive) = found.drive() {
         let bar = bar();
-        found.laps = again::look(&arguments.recording, &drive, || bar.inc(1))?;
+        found.laps = again::look(&arguments.recording, &drive, found.network.as_ref(), || bar.inc(1))?;
         bar.finish_and_clear();
     }
     let sides = if arguments.sides {

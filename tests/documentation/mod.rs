@@ -9,7 +9,7 @@ mod outputs;
 mod page;
 mod rooms;
 
-use std::{collections::BTreeSet, ffi::OsString, fs, path::Path, sync::Mutex};
+use std::{collections::BTreeSet, ffi::OsString, fs, path::Path, sync::Mutex, time::Instant};
 
 use clap::{Command, CommandFactory, error::ErrorKind};
 use lapwing::cli::Cli;
@@ -167,7 +167,9 @@ fn run(page: &Page) -> Vec<String> {
             continue;
         }
         assert_eq!(invocation.words[0], "lapwing", "{at}: is neither run nor in NOT_RUN");
+        let begun = Instant::now();
         let Outcome { status, out, err } = room.run(&invocation);
+        println!("{:.1} s: {at}", begun.elapsed().as_secs_f64());
         let judged = ["--min-", "--max-c", "--max-o", "--max-m", "--against"].iter().any(|flag| command.contains(flag));
         if status != 0 && !(status == 3 && judged) {
             wrong.push(format!("{at}: exit status {status}\n{out}{err}"));
