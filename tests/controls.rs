@@ -22,9 +22,9 @@ use crate::lane_loop::{self, Weaving};
 /// How long each drives, in seconds: one that is late swings up.
 const SECONDS: f64 = 30.0;
 
-/// The one of [`CONTROLS`] that the network puts up with …
+/// The mildest of [`CONTROLS`]: on the lake it is never put back.
 const MILD: &str = "cropped 20 rows too low";
-/// … and a crop that is so far off that it does not.
+/// The same, but so far off that it is put back on every road.
 const LOWER: (&str, Handicap) = ("cropped 40 rows too low", Handicap { sight: Sight::Moved(-40), ..NONE });
 
 /// What a judge says of a drive.
@@ -81,7 +81,7 @@ fn along_a_weaving_recording_and_in_the_simulator_negative_controls_come_out_apa
         for (name, control) in controls {
             // How often they are put back depends on how they fail: one may drive nearly a metre beside the middle all the
             // time. The network learns from pictures that are shifted, and keeps the road on rows that are too low: it is
-            // several times as far from the middle, but never a metre, so it is not put back.
+            // about twice as far from the middle, but never a metre, so it is not put back.
             let (put_back, times) = if name == MILD { (0.0..=0.0, 1.5) } else { (1.0..=f64::MAX, 5.0) };
             assert!(put_back.contains(&control.interventions), "{name}: {control:?}");
             assert!(control.p95_m >= times * good.p95_m, "{name}: {control:?}, good: {good:?}");
@@ -95,13 +95,14 @@ fn on_other_roads_negative_controls_come_out_apart_from_the_good_pilot_too() {
         for (good, controls) in judge_both(road) {
             assert!(good.interventions == 0.0 && good.p95_m < good_m, "{road}: {good:?}");
             for (name, control) in controls {
-                // In the jungle the network drives by other things than colours, and in both judges' eyes.
-                let least = match (road, name) {
-                    ("jungle", MILD) => 0.0,
-                    ("jungle", "BGR for RGB") | ("mountain", MILD) => 1.0,
-                    _ => 10.0,
+                // In the jungle the network hardly relies on colours: both judges find so.
+                let (least, times) = match (road, name) {
+                    ("jungle", "BGR for RGB") => (1.0, 0.0),
+                    ("jungle", MILD) => (0.0, 1.1),
+                    ("mountain", MILD) => (1.0, 2.0),
+                    _ => (10.0, 1.2),
                 };
-                let apart = control.interventions >= least && control.p95_m > good.p95_m;
+                let apart = control.interventions >= least && control.p95_m >= times * good.p95_m;
                 assert!(apart, "{road}, {name}: {control:?}, good: {good:?}");
             }
         }
@@ -122,8 +123,8 @@ fn along_the_real_lake_negative_controls_come_out_apart_from_the_good_pilot() {
             assert!(apart, "{name}: {control:?}, good: {good:?}");
             continue;
         }
-        // Rows that are too high cost the least: put back 8 times. With the others, it is 16 to 28 times.
-        let least = if name.starts_with("cropped") { 2.0 } else { 12.0 };
+        // Rows that are too high cost the least: put back 6 times. With the others, it is 16 to 35 times.
+        let least = if name == "cropped 30 rows too high" { 2.0 } else { 12.0 };
         assert!(control.interventions >= least, "{name}: {control:?}");
         assert!(control.p95_m >= 2.0 * good.p95_m, "{name}: {control:?}, good: {good:?}");
     }

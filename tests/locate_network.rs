@@ -99,13 +99,11 @@ fn on_real_pictures_the_network_sees_the_side_cameras_about_where_they_sit_on_th
 
 #[test]
 fn on_the_real_lake_the_network_and_the_drawn_road_see_the_same_offset() {
-    let Some((dir, Some(drive))) = lane_loop::real_lake() else { return };
+    let Some((dir, drive)) = lane_loop::real_lake() else { return };
+    let drive = drive.as_ref().expect("the lake is located");
     let seen = seen(dir.path(), CameraPosition::Center);
-    let apart = |i: usize| Some((seen.sure(i)?.offset_m - drive.in_lane(i)?.offset_m).abs());
-    let mut apart_m: Vec<f64> = (0..seen.rows.len()).filter_map(apart).collect();
-    apart_m.sort_by(f64::total_cmp);
-    assert!(apart_m.len() > 250, "both see the lane in {} of {} pictures", apart_m.len(), seen.rows.len());
-    let median_m = apart_m[apart_m.len() / 2];
-    println!("the real lake: {median_m:.3} m apart in the median");
-    assert!(median_m <= 0.15, "{median_m}");
+    let drawn = |row: usize| Some(RowTruth::of_pose(drive.places[row]?.pose, &drive.track));
+    let offset_m = seen.against(drawn, 0..seen.rows.len()).unwrap().offset_m;
+    println!("the real lake: {offset_m:?}");
+    assert!(offset_m.rows > 250 && offset_m.median <= 0.15, "{offset_m:?}");
 }

@@ -8,7 +8,11 @@ use std::{collections::BTreeMap, fmt, path::Path};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Errors, network::ByNetwork, pictures::decoded};
+use super::{
+    Errors,
+    network::{ByNetwork, NetworkLane},
+    pictures::decoded,
+};
 use lapwing_core::{
     motion::{around, turn},
     perception::Frame,
@@ -16,7 +20,7 @@ use lapwing_core::{
 };
 use lapwing_sim::{
     along::{Again, Beside, Warp},
-    locate::{LocatedDrive, Pose},
+    locate::{InLane, LocatedDrive, Pose},
 };
 
 /// Pictures are of one place if no farther apart than this along the road, in metres, …
@@ -36,7 +40,8 @@ pub struct Laps {
     /// How far what they say is from where they were located on the drawn road; of places whose pictures are alike.
     #[serde(flatten)]
     pub drawn: Apart,
-    /// How far it is from what a network sees, if one was asked and is sure of both pictures of such a place.
+    /// How far it is from what a network sees, of such places of which it is sure of both pictures; `None` if no network was
+    /// asked, or there are none.
     pub network: Option<Apart>,
 }
 
@@ -71,37 +76,41 @@ pub fn look(
         }
     }
     let warp = Warp::new();
-    let alike = pairs.par_iter().filter_map(|pair| {
+    let told = pairs.par_iter().filter_map(|pair| {
         looked_at();
         let [first, second] = pair.map(|row| {
             let mut frame = Frame::default();
             decoded(wanted.get(&row)?.as_ref(), &mut frame).is_ok().then_some(frame)
         });
-        let again = warp.again(&first?, &second?)?;
-        (again.alike >= ALIKE).then_some((*pair, again))
+        Some((*pair, warp.again(&first?, &second?)?))
     });
-    Ok(Pictures { places: pairs.len(), alike: alike.collect() }.against(drive, network))
+    Ok(against(pairs.len(), &told.collect::<Vec<_>>(), drive, network))
 }
 
-/// What pairs of pictures say of one another.
-struct Pictures {
-    /// How many pairs were looked at.
+/// Where a picture was taken: in metres to the right of the lane's middle, and radians clockwise from its direction.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    offset_m: f64,
+    heading_rad: f64,
+}
+
+/// Holds what pairs of pictures, by their rows, tell of one another against the other ways.
+fn against(
     places: usize,
-    /// Those that are alike, by their rows.
-    alike: Vec<([usize; 2], Again)>,
-}
-
-impl Pictures {
-    fn against(&self, drive: &LocatedDrive, network: Option<&ByNetwork>) -> Option<Laps> {
-        let drawn = |row| drive.in_lane(row).map(|lane| (lane.offset_m, lane.heading_rad));
-        let seen =
-            |network: &ByNetwork, row| network.sure(row).map(|lane| (lane.offset_m, lane.heading_deg.to_radians()));
-        Some(Laps {
-            places: self.places,
-            drawn: Apart::of(&self.alike, drawn)?,
-            network: network.and_then(|network| Apart::of(&self.alike, |row| seen(network, row))),
-        })
-    }
+    told: &[([usize; 2], Again)],
+    drive: &LocatedDrive,
+    network: Option<&ByNetwork>,
+) -> Option<Laps> {
+    let drawn = |row| drive.in_lane(row).map(|InLane { offset_m, heading_rad, .. }| Seen { offset_m, heading_rad });
+    let seen = |network: &ByNetwork, row| {
+        let NetworkLane { offset_m, heading_deg, .. } = network.sure(row)?;
+        Some(Seen { offset_m, heading_rad: heading_deg.to_radians() })
+    };
+    Some(Laps {
+        places,
+        drawn: Apart::of(told, drawn)?,
+        network: network.and_then(|network| Apart::of(told, |row| seen(network, row))),
+    })
 }
 
 /// Rows of one place in different laps, spread over the drive.
@@ -121,10 +130,10 @@ fn pairs(drive: &LocatedDrive) -> Vec<[usize; 2]> {
 }
 
 impl Apart {
-    /// Of pairs of rows whose pictures are alike, and of where another way sees a row: its offset in metres and its heading in
-    /// radians.
-    fn of(alike: &[([usize; 2], Again)], seen: impl Fn(usize) -> Option<(f64, f64)>) -> Option<Self> {
-        let apart = alike.iter().filter_map(|(pair, again)| {
+    /// Of pairs whose pictures are alike, from where another way sees both.
+    fn of(told: &[([usize; 2], Again)], seen: impl Fn(usize) -> Option<Seen>) -> Option<Self> {
+        let alike = told.iter().filter(|(_, again)| again.alike >= ALIKE);
+        let apart = alike.filter_map(|(pair, again)| {
             let [first, second] = pair.map(&seen);
             Some(apart(first?, second?, again.beside))
         });
@@ -135,25 +144,28 @@ impl Apart {
 
 /// How far where the second picture was seen beside the first is from where another way sees both: metres across the road, and
 /// degrees.
-fn apart(first: (f64, f64), second: (f64, f64), beside: Beside) -> (f64, f64) {
-    let across_m = beside.offset_m * first.1.cos() + beside.ahead_m * first.1.sin();
-    let heading_rad = turn(beside.heading_rad - (second.1 - first.1));
-    (across_m - (second.0 - first.0), heading_rad.to_degrees())
+fn apart(first: Seen, second: Seen, beside: Beside) -> (f64, f64) {
+    let across_m = beside.offset_m * first.heading_rad.cos() + beside.ahead_m * first.heading_rad.sin();
+    let heading_rad = turn(beside.heading_rad - (second.heading_rad - first.heading_rad));
+    (across_m - (second.offset_m - first.offset_m), heading_rad.to_degrees())
 }
 
-impl fmt::Display for Laps {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl Laps {
+    /// In words, a line each.
+    pub(super) fn told(&self) -> impl Iterator<Item = String> {
         let Self { places, drawn, network } = self;
-        write!(f, "{} of {places} places seen again: {drawn}", drawn.offset_m.rows)?;
-        let Some(network) = network else { return Ok(()) };
-        write!(f, "\n{:15}from the network, at {} of them: {network}", "", network.offset_m.rows)
+        let alike = drawn.offset_m.rows;
+        let of_places =
+            format!("{places} places seen again, {alike} in pictures that are alike; from the drawn road: {drawn}");
+        let of_network =
+            network.as_ref().map(|apart| format!("from the network, at {} of them: {apart}", apart.offset_m.rows));
+        [Some(of_places), of_network].into_iter().flatten()
     }
 }
 
 impl fmt::Display for Apart {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (offset, heading) = (self.offset_m.told(" m"), self.heading_deg.told("\u{b0}"));
-        write!(f, "offsets differ by {offset}, headings by {heading}")
+        write!(f, "offset {}, heading {}", self.offset_m.told(" m"), self.heading_deg.told("\u{b0}"))
     }
 }
 
@@ -162,11 +174,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::locating::network::NetworkLane;
-    use lapwing_sim::{
-        locate::{InLane, Located},
-        track::Track,
-    };
+    use lapwing_sim::{locate::Located, track::Track};
 
     /// Two laps of the lake, a picture every 7 m, the second one 0.5 m to the right and turned.
     fn laps() -> LocatedDrive {
@@ -196,27 +204,32 @@ mod tests {
         let (sin, cos) = 0.1_f64.sin_cos();
         // In the axes of the first car, which is turned.
         let beside = Beside { offset_m: 0.6 * cos - 0.3 * sin, ahead_m: 0.3 * cos + 0.6 * sin, heading_rad: -0.15 };
-        let pictures = Pictures {
-            places: 300,
-            alike: [20, 21].map(|row| ([row, row + 150], Again { beside, alike: 0.9 })).into(),
-        };
-        // A network sees the second lap 0.2 m farther to the right than it is, and is unsure of one picture.
-        let lane = |row: usize, place: Option<Located>| {
+        let told = [(20, 0.9), (21, 0.9), (22, 0.5)].map(|(row, alike)| ([row, row + 150], Again { beside, alike }));
+        // A network sees the second lap 0.3 m farther to the right than it is and turned by a degree more, and is unsure of one
+        // picture.
+        let lane = |(row, place): (usize, &Option<Located>)| {
             let InLane { offset_m, heading_rad, .. } = place.unwrap().pose.in_lane(&drive.track);
-            let offset_m = offset_m + if row < 150 { 0.0 } else { 0.2 };
+            let (further_m, turned_deg) = if row < 150 { (0.0, 0.0) } else { (0.3, 1.0) };
             let deviation = (if row == 171 { 0.9 } else { 0.05 }, 0.3);
-            NetworkLane { offset_m, heading_deg: heading_rad.to_degrees(), deviation }
+            let heading_deg = heading_rad.to_degrees() + turned_deg;
+            Some(NetworkLane { offset_m: offset_m + further_m, heading_deg, deviation })
         };
-        let rows = drive.places.iter().enumerate().map(|(row, place)| Some(lane(row, *place))).collect();
+        let rows = drive.places.iter().enumerate().map(lane).collect();
         let network = ByNetwork { model: "lane (a file)".into(), rows };
-        let laps = pictures.against(&drive, Some(&network)).unwrap();
-        assert_eq!((laps.places, laps.drawn.offset_m.rows), (300, 2));
-        let Apart { offset_m, heading_deg } = laps.drawn;
-        assert!((offset_m.median - 0.1).abs() < 1e-9 && heading_deg.median < 1e-9, "{offset_m:?}, {heading_deg:?}");
-        let Apart { offset_m, heading_deg } = laps.network.unwrap();
-        assert_eq!(offset_m.rows, 1);
-        assert!((offset_m.median - 0.1).abs() < 1e-9 && heading_deg.median < 1e-9, "{offset_m:?}, {heading_deg:?}");
-        assert_eq!(pictures.against(&drive, None).unwrap().network, None);
-        assert_eq!(Pictures { alike: vec![], ..pictures }.against(&drive, None), None);
+        let laps = against(300, &told, &drive, Some(&network)).unwrap();
+        let figures = |Apart { offset_m, heading_deg }: &Apart| (offset_m.rows, offset_m.median, heading_deg.median);
+        let (pairs, offset_m, heading_deg) = figures(&laps.drawn);
+        assert!(pairs == 2 && (offset_m - 0.1).abs() < 1e-9 && heading_deg < 1e-9, "{:?}", laps.drawn);
+        let seen = laps.network.clone().unwrap();
+        let (pairs, offset_m, heading_deg) = figures(&seen);
+        assert!(pairs == 1 && (offset_m - 0.2).abs() < 1e-9 && (heading_deg - 1.0).abs() < 1e-9, "{seen:?}");
+        let lines: Vec<_> = laps.told().collect();
+        assert!(lines[0].starts_with(
+            "300 places seen again, 2 in pictures that are alike; from the drawn road: offset median 0.100 m"
+        ));
+        assert!(lines[1].starts_with("from the network, at 1 of them: offset median 0.200 m"), "{lines:?}");
+        let alone = against(300, &told, &drive, None).unwrap();
+        assert_eq!((alone.told().count(), alone.network), (1, None));
+        assert_eq!(against(300, &told[2..], &drive, None), None, "pictures that are not alike say nothing");
     }
 }

@@ -309,8 +309,8 @@ impl fmt::Display for Summary {
         for drive in &self.drives {
             write!(f, "{drive}")?;
         }
-        if let Some(laps) = &self.laps {
-            write!(f, "\n  {:<12} {laps}", "laps")?;
+        for (line, told) in self.laps.iter().flat_map(Laps::told).enumerate() {
+            write!(f, "\n  {:<12} {told}", if line == 0 { "laps" } else { "" })?;
         }
         if let Some(why) = &self.no_sides {
             write!(f, "\nside cameras cannot be measured: {why}")?;
