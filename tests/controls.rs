@@ -17,7 +17,7 @@ use self::{
     handicap::{CONTROLS, Handicap, NONE, Sight},
     worlds::Kept,
 };
-use crate::lane_loop::{self, Weaving};
+use crate::lane_loop::{self, Piece, Weaving};
 
 /// How long each drives, in seconds: one that is late swings up.
 const SECONDS: f64 = 30.0;
@@ -109,12 +109,32 @@ fn on_other_roads_negative_controls_come_out_apart_from_the_good_pilot_too() {
     }
 }
 
+/// The verdicts along a piece of a real recording.
+fn judge_real((dir, located): &Piece) -> (Verdict, Vec<(&'static str, Verdict)>) {
+    let metre = Some(Limit::Metres(1.0));
+    judge_all(|| RecordedWorld::open(dir.path(), metre, Yaw::Pictures, located.clone()).unwrap())
+}
+
+#[test]
+fn along_other_real_roads_negative_controls_come_out_apart_from_the_good_pilot_too() {
+    for (name, first) in [("jungle", 1150), ("mountain", 800)] {
+        let Some(piece) = lane_loop::real(name, first, 200) else { continue };
+        println!("along the real {name}");
+        let (good, controls) = judge_real(piece);
+        // On the mountain, whose road is 10.6 m wide, the good pilot itself is once a metre from the middle.
+        assert!(good.interventions <= 1.0 && good.p95_m < 1.0, "{name}: {good:?}");
+        for (control, verdict) in controls {
+            let least = if (name, control) == ("jungle", MILD) { 0.0 } else { 4.0 };
+            let apart = verdict.interventions >= least && verdict.p95_m >= 1.2 * good.p95_m;
+            assert!(apart, "{name}, {control}: {verdict:?}, good: {good:?}");
+        }
+    }
+}
+
 #[test]
 fn along_the_real_lake_negative_controls_come_out_apart_from_the_good_pilot() {
-    let Some((dir, located)) = lane_loop::real_lake() else { return };
-    let metre = Some(Limit::Metres(1.0));
-    let (good, controls) =
-        judge_all(|| RecordedWorld::open(dir.path(), metre, Yaw::Pictures, located.clone()).unwrap());
+    let Some(piece) = lane_loop::real_lake() else { return };
+    let (good, controls) = judge_real(piece);
     assert!(good.interventions == 0.0, "{good:?}");
     for (name, control) in controls {
         // On real pictures the good pilot is not that good, so a mild control is less far from it.

@@ -1,6 +1,11 @@
 //! Driving along recordings that are located: what is measured from the lane.
 
-use std::{fs, sync::OnceLock, time::Instant};
+use std::{
+    collections::BTreeMap,
+    fs,
+    sync::{Mutex, OnceLock},
+    time::Instant,
+};
 
 use lapwing::locating;
 use lapwing_core::recording::CameraPosition;
@@ -228,17 +233,24 @@ fn cars_turn_as_far_for_what_they_are_steered_as_the_recorded_one_did() {
     assert!(as_ours > 0.5 && (as_recorded / as_ours - 1.25).abs() < 0.02, "{as_ours} {as_recorded}");
 }
 
-/// Rows of a real recording, and where in its lane the car was.
-fn real(name: &str, first: usize, count: usize) -> Option<(TempDir, Option<LocatedDrive>)> {
-    let dir = locate::rows(&shared(&format!("recordings/{name}"))?, first, count);
-    let located = locate::located(dir.path(), CameraPosition::Center).drive();
-    Some((dir, located))
+/// Rows of a real recording, in a folder of their own, and where in its lane the car was.
+pub type Piece = (TempDir, Option<LocatedDrive>);
+
+/// These rows of a real recording, located once for all tests.
+pub fn real(name: &'static str, first: usize, count: usize) -> Option<&'static Piece> {
+    static PIECES: Mutex<BTreeMap<(&str, usize), &OnceLock<Option<Piece>>>> = Mutex::new(BTreeMap::new());
+    let piece = *PIECES.lock().unwrap().entry((name, first)).or_insert_with(|| Box::leak(Box::default()));
+    let locate = || {
+        let dir = locate::rows(&shared(&format!("recordings/{name}"))?, first, count);
+        let located = locate::located(dir.path(), CameraPosition::Center).drive();
+        Some((dir, located))
+    };
+    piece.get_or_init(locate).as_ref()
 }
 
-/// The beginning of the real lake's recording, and where in its lane the car was: located once for all tests.
-pub fn real_lake() -> Option<&'static (TempDir, Option<LocatedDrive>)> {
-    static BEGINNING: OnceLock<Option<(TempDir, Option<LocatedDrive>)>> = OnceLock::new();
-    BEGINNING.get_or_init(|| real("lake", 0, 330)).as_ref()
+/// The beginning of the real lake's recording.
+pub fn real_lake() -> Option<&'static Piece> {
+    real("lake", 0, 330)
 }
 
 #[test]
@@ -262,7 +274,7 @@ fn along_rows_of_each_real_recording_which_it_has_not_seen_the_built_in_pilot_ke
         ("mountain", 800, 200, 0.6),
     ] {
         let Some((dir, located)) = real(name, first, count) else { continue };
-        let mut world = RecordedWorld::open(dir.path(), None, Yaw::Pictures, located).unwrap();
+        let mut world = RecordedWorld::open(dir.path(), None, Yaw::Pictures, located.clone()).unwrap();
         assert_eq!(world.limit(), Limit::Road, "{name}: the lane is known along most of the way");
         let card = driven(&mut world, built_in());
         println!("{name}\n{card}");

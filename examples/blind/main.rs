@@ -10,7 +10,8 @@
 //! and is geared otherwise, scored from that file alone, and held against what the judge in the simulator saw. Exit status 1
 //! where a road is named wrongly, fewer than nine of ten intervals of laps hold the truth, or collisions are found with a
 //! precision or recall below 0.9. After `--` stand the runs to drive, of 0 to 99, and `--keep DIR`, where they stay, to be
-//! looked into; `--steering` keeps the scorer from looking at the pictures for how the car turned.
+//! looked into; `--steering` keeps the scorer from looking at the pictures for how the car turned; `--laps N` and `--gear X` stand
+//! for the laps of each run's first drive and for the gear of its steering.
 
 mod build;
 mod report;
@@ -94,6 +95,10 @@ struct Roads {
     cps: LoadedModel,
     /// Whether the scorer may look at how the car turned by its pictures.
     sees: bool,
+    /// Laps of each run's first drive, unless one or two.
+    laps: Option<u32>,
+    /// How its steering is geared, unless as [`build::Build::of`] says.
+    gear: Option<f64>,
 }
 
 /// A drive, as it was.
@@ -126,6 +131,8 @@ fn main() -> Result<ExitCode, Error> {
         pilotnet: models::built_in(Instant::now)?,
         cps: models::load("models/cps.safetensors", Instant::now)?,
         sees: true,
+        laps: None,
+        gear: None,
     };
     for name in Track::NAMES {
         let track = Track::named(name)?;
@@ -138,8 +145,13 @@ fn main() -> Result<ExitCode, Error> {
     }
     let scratch = tempfile::tempdir()?;
     let mut args: Vec<String> = std::env::args().skip(1).collect();
-    let keep = args.iter().position(|arg| arg == "--keep").filter(|at| at + 1 < args.len());
-    let keep = keep.map(|at| args.drain(at..at + 2).nth(1).map(PathBuf::from).unwrap_or_default());
+    let mut value = |flag: &str| {
+        let at = args.iter().position(|arg| arg == flag).filter(|at| at + 1 < args.len())?;
+        args.drain(at..at + 2).nth(1)
+    };
+    let keep = value("--keep").map(PathBuf::from);
+    roads.laps = value("--laps").map(|laps| laps.parse()).transpose()?;
+    roads.gear = value("--gear").map(|gear| gear.parse()).transpose()?;
     if let Some(at) = args.iter().position(|arg| arg == "--steering") {
         args.remove(at);
         roads.sees = false;
@@ -178,7 +190,7 @@ fn header(run: usize) -> RunHeader {
 fn blind(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<BlindRun, Error> {
     let who = Who::of(run);
     let mph: f64 = [20.0, 15.0, 25.0, 30.0][(run / 3 + run / 24) % 4];
-    let laps = 1 + (run / 24 % 2) as u32;
+    let laps = roads.laps.unwrap_or(1 + (run / 24 % 2) as u32);
     let mut plans = vec![(run % 3, who, mph, laps)];
     if run % 5 == 4 {
         plans.push(((run + 1) % 3, Who::Expert, 20.0, 1));
@@ -191,7 +203,9 @@ fn blind(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<BlindRu
         paths.push(path);
     }
     let path = folder.join(format!("{run}.mcap"));
-    build::rewrite(&paths.iter().map(PathBuf::as_path).collect::<Vec<_>>(), build::Build::of(run), header(run), &path)?;
+    let mut build = build::Build::of(run);
+    build.gear = roads.gear.unwrap_or(build.gear);
+    build::rewrite(&paths.iter().map(PathBuf::as_path).collect::<Vec<_>>(), build, header(run), &path)?;
     let again = path.clone();
     let scorer = Scorer::on(&roads.known, Some(laps));
     let turns = move || locating::turns(&again).map_err(|error| error.to_string());
@@ -226,7 +240,7 @@ fn drive(
     }
     let setup = Setup {
         laps: Some(laps),
-        longest_s: Some(600.0),
+        longest_s: Some(300.0 * f64::from(laps.max(2))),
         seed: run as u64,
         stock: true,
         conditions,

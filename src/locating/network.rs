@@ -50,10 +50,12 @@ impl ByNetwork {
     /// How wrong what is seen surely enough is, where the truth of a row is told.
     pub fn against(&self, truth: impl Fn(usize) -> Option<RowTruth>, rows: Range<usize>) -> Option<AgainstTruth> {
         let told: Vec<_> = rows.filter_map(|i| Some((self.sure(i)?, truth(i)?))).collect();
-        let headings = told.iter().filter_map(|(lane, truth)| Some(lane.heading_deg - truth.heading_deg?));
+        let offset = |(lane, truth): &(NetworkLane, RowTruth)| (lane.offset_m - truth.offset_m, lane.deviation.0);
+        let heading =
+            |(lane, truth): &(NetworkLane, RowTruth)| Some((lane.heading_deg - truth.heading_deg?, lane.deviation.1));
         Some(AgainstTruth {
-            offset_m: Errors::of(told.iter().map(|(lane, truth)| lane.offset_m - truth.offset_m).collect())?,
-            heading_deg: Errors::of(headings.collect()),
+            offset_m: Errors::with_sd(&told.iter().map(offset).collect::<Vec<_>>())?,
+            heading_deg: Errors::with_sd(&told.iter().filter_map(heading).collect::<Vec<_>>()),
             place_m: None,
         })
     }

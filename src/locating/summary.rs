@@ -33,6 +33,9 @@ pub struct Errors {
     pub median: f64,
     /// 95 % are no larger.
     pub p95: f64,
+    /// If the size of each error was stated, as a standard deviation: the share within two of these, 0.95 if they are right.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub within_two_sd: Option<f64>,
 }
 
 /// Errors against what the simulator told.
@@ -236,12 +239,14 @@ pub(super) fn against_truth(on: &On, rows: &[Row]) -> Option<AgainstTruth> {
         true_m = truth.position.map(|position| track.locate(position, before_m).station.s);
         let Some(located) = located else { continue };
         let lane = located.pose.in_lane(track);
-        offsets.push(lane.offset_m - truth.offset_m);
-        headings.extend(truth.heading_deg.map(|heading_deg| lane.heading_rad.to_degrees() - heading_deg));
-        places.extend(true_m.map(|true_m| around(located.pose.s_m - true_m, track.length())));
+        let sd = located.deviation;
+        offsets.push((lane.offset_m - truth.offset_m, sd.offset_m));
+        let turned = truth.heading_deg.map(|heading_deg| lane.heading_rad.to_degrees() - heading_deg);
+        headings.extend(turned.map(|error| (error, sd.heading_rad.to_degrees())));
+        places.extend(true_m.map(|true_m| (around(located.pose.s_m - true_m, track.length()), sd.s_m)));
     }
-    let offset_m = Errors::of(offsets)?;
-    Some(AgainstTruth { offset_m, heading_deg: Errors::of(headings), place_m: Errors::of(places) })
+    let offset_m = Errors::with_sd(&offsets)?;
+    Some(AgainstTruth { offset_m, heading_deg: Errors::with_sd(&headings), place_m: Errors::with_sd(&places) })
 }
 
 fn beside(center: &On, left: &On, right: &On) -> Option<Sides> {
@@ -294,12 +299,21 @@ impl Errors {
         let mut sizes: Vec<f64> = errors.into_iter().map(f64::abs).collect();
         sizes.sort_by(f64::total_cmp);
         let at = |share: f64| sizes.get(((sizes.len() as f64 * share) as usize).min(sizes.len().saturating_sub(1)));
-        Some(Self { rows: sizes.len(), median: *at(0.5)?, p95: *at(0.95)? })
+        Some(Self { rows: sizes.len(), median: *at(0.5)?, p95: *at(0.95)?, within_two_sd: None })
+    }
+
+    /// Of errors, and the standard deviation that was stated for each.
+    pub(super) fn with_sd(errors: &[(f64, f64)]) -> Option<Self> {
+        let within = errors.iter().filter(|(error, sd)| error.abs() <= 2.0 * sd).count();
+        let of = Self::of(errors.iter().map(|(error, _)| *error).collect())?;
+        Some(Self { within_two_sd: Some(within as f64 / of.rows as f64), ..of })
     }
 
     /// In words, with the unit.
     pub(super) fn told(&self, unit: &str) -> String {
-        format!("median {:.3}{unit}, 95 % within {:.3}{unit}", self.median, self.p95)
+        let stated = |share: f64| format!(", {:.1} % within two stated standard deviations", 100.0 * share);
+        let stated = self.within_two_sd.map_or_else(String::new, stated);
+        format!("median {:.3}{unit}, 95 % within {:.3}{unit}{stated}", self.median, self.p95)
     }
 }
 
@@ -410,5 +424,13 @@ mod tests {
         }
         let unasked = Summary::new("lake".into(), &center, None);
         assert_eq!(serde_json::to_value(&unasked).unwrap()["no_sides"], serde_json::Value::Null);
+    }
+
+    #[test]
+    fn how_many_errors_are_as_small_as_was_stated_is_told_where_it_was_stated() {
+        let errors = Errors::with_sd(&[(0.1, 0.1), (-0.2, 0.1), (0.3, 0.1), (0.0, 0.1)]).unwrap();
+        assert_eq!(errors.within_two_sd, Some(0.75));
+        assert!(errors.told(" m").ends_with("75.0 % within two stated standard deviations"), "{errors:?}");
+        assert!(!Errors::of(vec![0.1]).unwrap().told(" m").contains("stated"));
     }
 }
