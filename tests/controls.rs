@@ -6,9 +6,14 @@ mod handicap;
 #[path = "../examples/closed_loop/worlds.rs"]
 pub mod worlds;
 
-use std::{fmt::Debug, time::Instant};
+use std::{fmt::Debug, iter, time::Instant};
 
-use lapwing_core::{config::ControlSettings, drive::Eventful, driver::Driver};
+use lapwing_core::{
+    config::ControlSettings,
+    drive::Eventful,
+    driver::Driver,
+    stats::{self, Agreement},
+};
 use lapwing_learn::{models, nn::runtime};
 use lapwing_score::{judged, score::Figure};
 use lapwing_sim::along::{Limit, RecordedWorld, Yaw};
@@ -51,7 +56,10 @@ where
 }
 
 /// The good pilot's verdict, and those of the controls, by name.
-fn judge_all<W: Eventful>(world: impl Fn() -> W) -> (Verdict, Vec<(&'static str, Verdict)>)
+type Verdicts = (Verdict, Vec<(&'static str, Verdict)>);
+
+/// What a judge says of all of them, each in a world of its own.
+fn judge_all<W: Eventful>(world: impl Fn() -> W) -> Verdicts
 where
     W::Error: Debug,
 {
@@ -63,14 +71,24 @@ where
     (verdict(("good", NONE)).1, CONTROLS.into_iter().chain([LOWER]).map(verdict).collect())
 }
 
-/// Both judges' verdicts on a road: closed loop along a recording of it that weaves, and the simulator.
-fn judge_both(road: &str) -> [(Verdict, Vec<(&'static str, Verdict)>); 2] {
+/// The ranks of the good pilot and of the controls: by how often they are put back, then by the offset.
+fn ranks_of((good, controls): &Verdicts) -> Vec<f64> {
+    let all: Vec<&Verdict> = iter::once(good).chain(controls.iter().map(|(_, verdict)| verdict)).collect();
+    stats::ranks(&all, |a, b| a.interventions.total_cmp(&b.interventions).then(a.p95_m.total_cmp(&b.p95_m)))
+}
+
+/// Both judges' verdicts on a road: closed loop along a recording of it that weaves, and the simulator. They rank the pilots alike.
+fn judge_both(road: &str) -> [Verdicts; 2] {
     let weaving = Weaving::on(road, SECONDS);
     let metre = Limit::Metres(1.0);
     println!("along a recording of the {road}");
     let closed_loop = judge_all(|| weaving.open(Some(metre), Some(weaving.located.clone())));
     println!("in the simulated {road}");
     let simulator = judge_all(|| Kept::new(&weaving.road, metre.metres(), Some(SECONDS)).unwrap());
+    let [along, simulated] = [&closed_loop, &simulator].map(ranks_of);
+    let spearman = Agreement::of(along.into_iter().zip(simulated)).unwrap().r.unwrap();
+    println!("{road}: Spearman's rank correlation {spearman:.3}");
+    assert!(spearman >= 0.85, "{road}: {spearman}, {closed_loop:?}, {simulator:?}");
     [closed_loop, simulator]
 }
 
@@ -110,21 +128,21 @@ fn on_other_roads_negative_controls_come_out_apart_from_the_good_pilot_too() {
 }
 
 /// The verdicts along a piece of a real recording.
-fn judge_real((dir, located): &Piece) -> (Verdict, Vec<(&'static str, Verdict)>) {
+fn judge_real((dir, located): &Piece) -> Verdicts {
     let metre = Some(Limit::Metres(1.0));
     judge_all(|| RecordedWorld::open(dir.path(), metre, Yaw::Pictures, located.clone()).unwrap())
 }
 
 #[test]
 fn along_other_real_roads_negative_controls_come_out_apart_from_the_good_pilot_too() {
-    for (name, first) in [("jungle", 1150), ("mountain", 800)] {
+    // On the mountain, whose road is 10.6 m wide, the good pilot itself is once a metre from the middle.
+    for (name, first, most, least) in [("jungle", 1150, 0.0, 4.0), ("mountain", 800, 1.0, 8.0)] {
         let Some(piece) = lane_loop::real(name, first, 200) else { continue };
         println!("along the real {name}");
         let (good, controls) = judge_real(piece);
-        // On the mountain, whose road is 10.6 m wide, the good pilot itself is once a metre from the middle.
-        assert!(good.interventions <= 1.0 && good.p95_m < 1.0, "{name}: {good:?}");
+        assert!(good.interventions <= most && good.p95_m < 1.0, "{name}: {good:?}");
         for (control, verdict) in controls {
-            let least = if (name, control) == ("jungle", MILD) { 0.0 } else { 4.0 };
+            let least = if (name, control) == ("jungle", MILD) { 0.0 } else { least };
             let apart = verdict.interventions >= least && verdict.p95_m >= 1.2 * good.p95_m;
             assert!(apart, "{name}, {control}: {verdict:?}, good: {good:?}");
         }

@@ -238,8 +238,9 @@ pub type Piece = (TempDir, Option<LocatedDrive>);
 
 /// These rows of a real recording, located once for all tests.
 pub fn real(name: &'static str, first: usize, count: usize) -> Option<&'static Piece> {
-    static PIECES: Mutex<BTreeMap<(&str, usize), &OnceLock<Option<Piece>>>> = Mutex::new(BTreeMap::new());
-    let piece = *PIECES.lock().unwrap().entry((name, first)).or_insert_with(|| Box::leak(Box::default()));
+    type Pieces = BTreeMap<(&'static str, usize, usize), &'static OnceLock<Option<Piece>>>;
+    static PIECES: Mutex<Pieces> = Mutex::new(BTreeMap::new());
+    let piece = *PIECES.lock().unwrap().entry((name, first, count)).or_insert_with(|| Box::leak(Box::default()));
     let locate = || {
         let dir = locate::rows(&shared(&format!("recordings/{name}"))?, first, count);
         let located = locate::located(dir.path(), CameraPosition::Center).drive();

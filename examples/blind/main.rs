@@ -10,8 +10,8 @@
 //! and is geared otherwise, scored from that file alone, and held against what the judge in the simulator saw. Exit status 1
 //! where a road is named wrongly, fewer than nine of ten intervals of laps hold the truth, or collisions are found with a
 //! precision or recall below 0.9. After `--` stand the runs to drive, of 0 to 99, and `--keep DIR`, where they stay, to be
-//! looked into; `--steering` keeps the scorer from looking at the pictures for how the car turned; `--laps N` and `--gear X` stand
-//! for the laps of each run's first drive and for the gear of its steering.
+//! looked into; `--steering` keeps the scorer from looking at the pictures for how the car turned; `--laps N` sets
+//! the laps of each run's first drive, and `--gear X` how the steering of every run is geared.
 
 mod build;
 mod report;
@@ -95,9 +95,9 @@ struct Roads {
     cps: LoadedModel,
     /// Whether the scorer may look at how the car turned by its pictures.
     sees: bool,
-    /// Laps of each run's first drive, unless one or two.
+    /// Laps of each run's first drive; otherwise one or two.
     laps: Option<u32>,
-    /// How its steering is geared, unless as [`build::Build::of`] says.
+    /// How steering is geared; otherwise as [`build::Build::of`] says.
     gear: Option<f64>,
 }
 

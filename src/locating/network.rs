@@ -206,7 +206,9 @@ mod tests {
         assert_eq!((network.seen, &network.agreement, &summary.drives[0].on), (0.75, &None, &None));
         assert!((network.offset_m.unwrap().mean - 0.5).abs() < 1e-9, "not what it is unsure of");
         let errors = network.against_truth.as_ref().unwrap();
-        assert!((errors.offset_m.median - 0.1).abs() < 1e-9 && errors.heading_deg.unwrap().median == 0.5);
+        let heading = errors.heading_deg.unwrap();
+        assert!((errors.offset_m.median - 0.1).abs() < 1e-9 && heading.median == 0.5);
+        assert_eq!(heading.within_two_sd, Some(1.0), "0.5 of twice 0.3 degrees");
         let told = summary.to_string();
         assert!(told.contains("on no known road: no road is known"), "{told}");
         assert!(told.contains("sure of 75.0 % of the pictures"), "{told}");

@@ -427,7 +427,7 @@ mod tests {
     }
 
     #[test]
-    fn how_many_errors_are_as_small_as_was_stated_is_told_where_it_was_stated() {
+    fn the_share_of_errors_within_two_stated_deviations_is_told_where_deviations_were_stated() {
         let errors = Errors::with_sd(&[(0.1, 0.1), (-0.2, 0.1), (0.3, 0.1), (0.0, 0.1)]).unwrap();
         assert_eq!(errors.within_two_sd, Some(0.75));
         assert!(errors.told(" m").ends_with("75.0 % within two stated standard deviations"), "{errors:?}");
