@@ -8,7 +8,8 @@
 //! pilots drives along that recording, and the same road in the simulator itself, put back where it is more than the
 //! limit off the line. Beside it stands what the same pilot's steering is worth open loop: its error against the recorded
 //! one. `--track`, `--speed` and `--weave` take several values: all combinations are recorded. Where the recorded car
-//! weaves, as people do, the line is the lane's middle, as it was in truth; with `--from-path` it is the recorded path. The
+//! weaves, as people do, the line is the lane's middle, as it was in truth; with `--located` it is the one that is found in the pictures, as in
+//! a recording that tells no place, and with `--from-path` the recorded path. The
 //! pilots are the shipped models, and the built-in one with defined handicaps (`handicap`, `pilots`), so that anyone finds
 //! the same. Prints tables with Spearman's rank correlation (`rank`, `report`), and draws the ranks.
 
@@ -26,10 +27,12 @@ use std::{
 
 use anyhow::{Context, Result, anyhow};
 use clap::Parser;
+use lapwing::{known, locating};
 use lapwing_core::{
     config::ControlSettings,
     drive,
     driver::Driver,
+    recording::CameraPosition,
     replay::{Answers, Rate, Replay, ReplayReport},
     units::Mph,
 };
@@ -79,6 +82,9 @@ struct Arguments {
     /// With --weave, measure from the recorded path all the same.
     #[arg(long)]
     from_path: bool,
+    /// With --weave, measure from where the lane is found in the pictures.
+    #[arg(long, conflicts_with = "from_path")]
+    located: bool,
     /// Record by the centre camera alone.
     #[arg(long)]
     one_camera: bool,
@@ -109,7 +115,13 @@ fn main() -> Result<()> {
                 let folder = tempfile::tempdir()?;
                 let options = RecordOptions { side_cameras: !arguments.one_camera, weave_m, ..RecordOptions::at(mph) };
                 let path = folder.path().join("recording");
-                let located = road.record(arguments.seconds, options, &path)?;
+                let mut located = road.record(arguments.seconds, options, &path)?;
+                if arguments.located {
+                    let roads = known::Roads::with(std::slice::from_ref(name));
+                    let found = locating::locate(&path, CameraPosition::Center, &roads, || {})?.drive();
+                    located =
+                        found.with_context(|| format!("{name}: the lane was not found in the recorded pictures"))?;
+                }
                 let located = (weave_m > 0.0 && !arguments.from_path).then_some(located);
                 let recorded = Recorded { road: &road, speed: mph, folder: path, located };
                 let weaves = if weave_m > 0.0 { format!(", weaving {weave_m} m") } else { String::new() };
