@@ -1,5 +1,5 @@
 //! Negative controls: a good pilot, and the same with what has gone wrong with real networks. Both judges must set them
-//! apart: the closed loop along a recording, and the simulator.
+//! apart, and on simulated roads rank them alike: the closed loop along a recording, and the simulator.
 
 #[path = "../examples/closed_loop/handicap.rs"]
 mod handicap;
@@ -26,6 +26,9 @@ use crate::lane_loop::{self, Piece, Weaving};
 
 /// How long each drives, in seconds: one that is late swings up.
 const SECONDS: f64 = 30.0;
+
+/// The least rank correlation of both judges, by Spearman: it is 0.89 on the lake, more elsewhere.
+const ALIKE: f64 = 0.85;
 
 /// The mildest of [`CONTROLS`]: on the lake it is never put back.
 const MILD: &str = "cropped 20 rows too low";
@@ -58,7 +61,7 @@ where
 /// The good pilot's verdict, and those of the controls, by name.
 type Verdicts = (Verdict, Vec<(&'static str, Verdict)>);
 
-/// What a judge says of all of them, each in a world of its own.
+/// One judge's verdicts on the good pilot and the controls, each in a world of its own.
 fn judge_all<W: Eventful>(world: impl Fn() -> W) -> Verdicts
 where
     W::Error: Debug,
@@ -77,7 +80,9 @@ fn ranks_of((good, controls): &Verdicts) -> Vec<f64> {
     stats::ranks(&all, |a, b| a.interventions.total_cmp(&b.interventions).then(a.p95_m.total_cmp(&b.p95_m)))
 }
 
-/// Both judges' verdicts on a road: closed loop along a recording of it that weaves, and the simulator. They rank the pilots alike.
+/// Both judges' verdicts on a road: closed loop along a weaving recording, and the simulator.
+///
+/// Panics unless they rank the pilots alike.
 fn judge_both(road: &str) -> [Verdicts; 2] {
     let weaving = Weaving::on(road, SECONDS);
     let metre = Limit::Metres(1.0);
@@ -88,7 +93,7 @@ fn judge_both(road: &str) -> [Verdicts; 2] {
     let [along, simulated] = [&closed_loop, &simulator].map(ranks_of);
     let spearman = Agreement::of(along.into_iter().zip(simulated)).unwrap().r.unwrap();
     println!("{road}: Spearman's rank correlation {spearman:.3}");
-    assert!(spearman >= 0.85, "{road}: {spearman}, {closed_loop:?}, {simulator:?}");
+    assert!(spearman >= ALIKE, "{road}: {spearman}, {closed_loop:?}, {simulator:?}");
     [closed_loop, simulator]
 }
 

@@ -8,8 +8,8 @@
 //! pilots drives along that recording, and the same road in the simulator itself, put back where it is more than the
 //! limit off the line. Beside it stands what the same pilot's steering is worth open loop: its error against the recorded
 //! one. `--track`, `--speed` and `--weave` take several values: all combinations are recorded. Where the recorded car
-//! weaves, as people do, the line is the lane's middle, as it was in truth; with `--located` it is the one that is found in the pictures, as in
-//! a recording that tells no place, and with `--from-path` the recorded path. The
+//! weaves, as people do, the line is the lane's middle, as it was in truth; with `--located` it is the lane found in the pictures, as
+//! on real recordings; with `--from-path`, the recorded path. The
 //! pilots are the shipped models, and the built-in one with defined handicaps (`handicap`, `pilots`), so that anyone finds
 //! the same. Prints tables with Spearman's rank correlation (`rank`, `report`), and draws the ranks.
 
@@ -76,7 +76,7 @@ struct Arguments {
     #[arg(long)]
     by_steering: bool,
     /// How far the recorded car weaves to each side of the line, in metres; offsets are then measured from the lane's
-    /// middle, as it was in truth.
+    /// middle, as it was in truth unless `--located` or `--from-path` is given.
     #[arg(long, num_args = 1.., default_value = "0")]
     weave: Vec<f64>,
     /// With --weave, measure from the recorded path all the same.
@@ -115,14 +115,16 @@ fn main() -> Result<()> {
                 let folder = tempfile::tempdir()?;
                 let options = RecordOptions { side_cameras: !arguments.one_camera, weave_m, ..RecordOptions::at(mph) };
                 let path = folder.path().join("recording");
-                let mut located = road.record(arguments.seconds, options, &path)?;
-                if arguments.located {
+                let told = road.record(arguments.seconds, options, &path)?;
+                let located = if weave_m == 0.0 || arguments.from_path {
+                    None
+                } else if arguments.located {
                     let roads = known::Roads::with(std::slice::from_ref(name));
                     let found = locating::locate(&path, CameraPosition::Center, &roads, || {})?.drive();
-                    located =
-                        found.with_context(|| format!("{name}: the lane was not found in the recorded pictures"))?;
-                }
-                let located = (weave_m > 0.0 && !arguments.from_path).then_some(located);
+                    Some(found.with_context(|| format!("{name}: the lane was not found in the recorded pictures"))?)
+                } else {
+                    Some(told)
+                };
                 let recorded = Recorded { road: &road, speed: mph, folder: path, located };
                 let weaves = if weave_m > 0.0 { format!(", weaving {weave_m} m") } else { String::new() };
                 let drives = compare(&arguments, &recorded, &pilots)?;

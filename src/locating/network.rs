@@ -184,7 +184,7 @@ mod tests {
         };
         let lane = |(i, offset_m): (usize, &f64)| {
             let unsure = i + 1 == offsets_m.len();
-            let deviation = (if unsure { 0.9 } else { 0.05 }, 0.3);
+            let deviation = (if unsure { 0.9 } else { 0.02 }, 0.3);
             Some(NetworkLane { offset_m: *offset_m, heading_deg: 2.5, deviation })
         };
         let rows = offsets_m.iter().enumerate().map(lane).collect();
@@ -208,7 +208,8 @@ mod tests {
         let errors = network.against_truth.as_ref().unwrap();
         let heading = errors.heading_deg.unwrap();
         assert!((errors.offset_m.median - 0.1).abs() < 1e-9 && heading.median == 0.5);
-        assert_eq!(heading.within_two_sd, Some(1.0), "0.5 of twice 0.3 degrees");
+        assert_eq!(heading.within_two_sd, Some(1.0), "0.5 is within twice 0.3 degrees");
+        assert_eq!(errors.offset_m.within_two_sd, Some(1.0 / 3.0), "only the error of 0 is within twice 0.02 m");
         let told = summary.to_string();
         assert!(told.contains("on no known road: no road is known"), "{told}");
         assert!(told.contains("sure of 75.0 % of the pictures"), "{told}");
@@ -232,7 +233,7 @@ mod tests {
             lines[0]
                 .ends_with("agreement,network_offset_m,network_heading_deg,network_offset_sd_m,network_heading_sd_deg")
         );
-        assert_eq!(lines[1], "0,0.100,,,,,,,,,,,,0.600,2.500,0.050,0.300");
+        assert_eq!(lines[1], "0,0.100,,,,,,,,,,,,0.600,2.500,0.020,0.300");
         let columns = |line: &str| line.split(',').count();
         assert!(lines.iter().all(|line| columns(line) == columns(&lines[0])), "{lines:?}");
         found.network = None;
