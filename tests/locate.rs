@@ -19,16 +19,16 @@ use lapwing_core::{
 use lapwing_learn::dataset;
 use lapwing_score::odometry::joins;
 use lapwing_sim::camera::encode_jpeg;
-use tempfile::{TempDir, tempdir};
+use tempfile::{TempDir, tempdir, tempdir_in};
 
 use crate::{
     program::{lapwing, lapwing_in},
     support::shared,
 };
 
-/// Some rows of a recording, as a folder of their own.
+/// Some rows of a recording, as a folder of their own. It lies where cargo cleans up: those that tests share are never dropped.
 pub fn rows(of: &Path, first: usize, count: usize) -> TempDir {
-    let dir = tempdir().unwrap();
+    let dir = tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
     let log = fs::read_to_string(of.join("driving_log.csv")).unwrap();
     let lines: Vec<_> = log.lines().skip(first).take(count).collect();
     fs::write(dir.path().join("driving_log.csv"), lines.join("\n")).unwrap();

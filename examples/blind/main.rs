@@ -203,8 +203,8 @@ fn blind(roads: &Roads, run: usize, folder: &Path, keep: bool) -> Result<BlindRu
         paths.push(path);
     }
     let path = folder.join(format!("{run}.mcap"));
-    let mut build = build::Build::of(run);
-    build.gear = roads.gear.unwrap_or(build.gear);
+    let build = build::Build::of(run);
+    let build = build::Build { gear: roads.gear.unwrap_or(build.gear), ..build };
     build::rewrite(&paths.iter().map(PathBuf::as_path).collect::<Vec<_>>(), build, header(run), &path)?;
     let again = path.clone();
     let scorer = Scorer::on(&roads.known, Some(laps));

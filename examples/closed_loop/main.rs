@@ -8,10 +8,10 @@
 //! pilots drives along that recording, and the same road in the simulator itself, put back where it is more than the
 //! limit off the line. Beside it stands what the same pilot's steering is worth open loop: its error against the recorded
 //! one. `--track`, `--speed` and `--weave` take several values: all combinations are recorded. Where the recorded car
-//! weaves, as people do, the line is the lane's middle, as it was in truth; with `--located` it is the lane found in the pictures, as
-//! on real recordings; with `--from-path`, the recorded path. The
-//! pilots are the shipped models, and the built-in one with defined handicaps (`handicap`, `pilots`), so that anyone finds
-//! the same. Prints tables with Spearman's rank correlation (`rank`, `report`), and draws the ranks.
+//! weaves, as people do, the line is the lane's middle, as it was in truth; with `--located` it is the lane found in the
+//! pictures, as on real recordings; with `--from-path`, the recorded path. The pilots are the shipped models, and the
+//! built-in one with defined handicaps (`handicap`, `pilots`), so that anyone finds the same. Prints tables with Spearman's
+//! rank correlation (`rank`, `report`), and draws the ranks.
 
 mod handicap;
 mod pilots;
