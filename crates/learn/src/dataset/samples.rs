@@ -1,7 +1,7 @@
 //! Selects rows and cameras, with their labels and weights.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeSet, HashSet},
     fs,
     path::PathBuf,
     sync::{Mutex, PoisonError},
@@ -11,7 +11,12 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{Balance, Blocks, CameraPosition, DatasetError, Source, lane::LaneLabels, places, source::PictureCheck};
+use super::{
+    Balance, Blocks, CameraPosition, DatasetError, Source,
+    lane::LaneLabels,
+    places,
+    source::{Labelled, PictureCheck},
+};
 use lapwing_core::{hash::sha256, recording::udacity::LOG_NAME, units::Mph, words::count};
 
 /// What to use of one data set.
@@ -229,7 +234,6 @@ impl Set {
 /// usually of the same.
 fn usable(source: &mut Source, selection: &Selection, set: Set) -> PictureCheck {
     static TOLD: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
-    let repeated = if set == Set::Training { source.repeated() } else { 0 };
     let (first, end) = selection.rows.unwrap_or((0, usize::MAX));
     let cameras = if set == Set::Training { &selection.cameras[..] } else { &[CameraPosition::Center] };
     let used =
@@ -247,13 +251,6 @@ fn usable(source: &mut Source, selection: &Selection, set: Set) -> PictureCheck 
     if let Some((picture, why)) = &found.example {
         let are = are(found.broken, if found.broken == 1 { "is" } else { "are" });
         tracing::warn!("{path}: {are} broken and left out, such as {picture}: {why}; see `lapwing dataset inspect`");
-    }
-    if repeated > 0 {
-        let rows = count(repeated, "row");
-        tracing::warn!(
-            "{path}: {rows} repeat the picture of an earlier row: held-out rows may have been learnt from; remove the \
-             repeats from the log"
-        );
     }
     found
 }
@@ -385,6 +382,17 @@ impl Samples {
     /// not the stock camera's 320x160, [`DatasetError::Picture`] and [`DatasetError::Image`] if it cannot be read.
     pub fn place(&mut self) -> Result<(), DatasetError> {
         self.sources.iter_mut().try_for_each(places::place)
+    }
+
+    /// How many samples have a centre picture that is, byte for byte, also one of `others`, and one of these pictures.
+    pub fn shared_with(&self, others: &Self) -> Option<(usize, String)> {
+        fn rows(of: &Samples) -> impl Iterator<Item = &Labelled> {
+            of.samples.iter().map(|sample| &of.sources[sample.source as usize].rows[sample.row as usize])
+        }
+        let known: HashSet<u64> = rows(others).map(|row| row.center_hash).collect();
+        let mut shared = rows(self).filter(|row| known.contains(&row.center_hash)).peekable();
+        let picture = shared.peek()?.pictures[CameraPosition::Center as usize].as_ref()?.to_string();
+        Some((shared.count(), picture))
     }
 
     /// Keeps this many at equal distances, or all if there are no more.

@@ -2,7 +2,9 @@
 
 use std::{
     collections::{BTreeMap, HashSet},
-    fmt, io,
+    fmt,
+    hash::{DefaultHasher, Hasher},
+    io,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -10,7 +12,7 @@ use std::{
 use bytes::Bytes;
 use rayon::prelude::*;
 
-use super::{DatasetError, places::CarPlace};
+use super::{CameraPosition, DatasetError, places::CarPlace};
 use lapwing_core::{
     perception::check_jpeg,
     recording::{Picture, Recording},
@@ -35,6 +37,8 @@ pub struct Labelled {
     pub at: Duration,
     /// Pictures in the order of [`CameraPosition::ALL`](super::CameraPosition::ALL).
     pub pictures: [Option<Picture>; 3],
+    /// A hash of the bytes of the centre picture, once it has been checked.
+    pub(super) center_hash: u64,
     /// What was steered: [`Moment::steering`](lapwing_core::recording::Moment::steering).
     pub steering: Steering,
     /// -1 (full brake) to 1 (full throttle).
@@ -79,22 +83,22 @@ pub(super) struct PictureCheck {
 }
 
 impl PictureCheck {
-    /// And that of this picture, which is removed if it cannot be used.
-    fn with(mut self, picture: &mut Option<Picture>, is_used: bool) -> Self {
-        let Some(found) = picture else { return self };
-        match found.read().map(|bytes| check_jpeg(&bytes)) {
-            Ok(Ok(size)) => {
+    /// And that of this picture, which is removed if it cannot be used; its hash otherwise.
+    fn with(mut self, picture: &mut Option<Picture>, is_used: bool) -> (Self, u64) {
+        let Some(found) = picture else { return (self, 0) };
+        match found.read().map(|bytes| (check_jpeg(&bytes), hash(&bytes))) {
+            Ok((Ok(size), hash)) => {
                 if is_used {
                     self.sizes.entry(size).or_insert_with(|| (0, found.to_string())).0 += 1;
                 }
-                return self;
+                return (self, hash);
             }
             Err(why) if why.kind() == io::ErrorKind::NotFound => self.missing += 1,
-            Ok(Err(why)) => self.break_at(found, &why),
+            Ok((Err(why), _)) => self.break_at(found, &why),
             Err(why) => self.break_at(found, &why),
         }
         *picture = None;
-        self
+        (self, 0)
     }
 
     fn break_at(&mut self, picture: &Picture, why: &dyn fmt::Display) {
@@ -111,6 +115,13 @@ impl PictureCheck {
         }
         self
     }
+}
+
+/// The same for the same bytes within a run of the program.
+fn hash(bytes: &[u8]) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    hasher.write(bytes);
+    hasher.finish()
 }
 
 /// How many of these paths are there already.
@@ -149,21 +160,19 @@ impl Source {
     /// those that are `used`, by row and camera.
     pub(super) fn forget_unusable(&mut self, used: impl Fn(usize, usize) -> bool + Sync) -> PictureCheck {
         let check = |checked: PictureCheck, (i, row): (usize, &mut Labelled)| {
-            let pictures = row.pictures.iter_mut().enumerate();
-            pictures.fold(checked, |checked, (camera, picture)| checked.with(picture, used(i, camera)))
+            let Labelled { pictures, center_hash, .. } = row;
+            pictures.iter_mut().enumerate().fold(checked, |checked, (camera, picture)| {
+                let (checked, hash) = checked.with(picture, used(i, camera));
+                if camera == CameraPosition::Center as usize {
+                    *center_hash = hash;
+                }
+                checked
+            })
         };
         let found = self.rows.par_iter_mut().enumerate().fold(PictureCheck::default, check);
         let found = found.reduce(PictureCheck::default, PictureCheck::and);
         self.end_stretches_where(|_, row| row.pictures.each_ref().map(Option::is_some));
         found
-    }
-
-    /// How many rows name a centre picture that a row before them names, too.
-    pub(super) fn repeated(&self) -> usize {
-        repeated(self.rows.iter().filter_map(|row| match &row.pictures[0] {
-            Some(Picture::File(path)) => Some(path.as_path()),
-            _ => None,
-        }))
     }
 
     /// Gives its rows other labels; those without one are in no drive with those that have one.
@@ -259,6 +268,7 @@ fn labelled(path: &Path) -> Result<Vec<Labelled>, DatasetError> {
             speed: moment.telemetry.speed,
             drive,
             stretch: 0,
+            center_hash: 0,
             pictures: moment.pictures,
         });
     }

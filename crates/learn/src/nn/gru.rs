@@ -19,7 +19,7 @@ use tch::Tensor;
 use super::{
     Init, NnError, TensorSource,
     layers::{Linear, beside, in_kind_of},
-    resnet::{Backbone, Depth, Head},
+    resnet::{Backbone, Depth, Head, STAGES},
 };
 
 /// Numbers in the unit's state.
@@ -92,12 +92,12 @@ impl ResNetGru {
         self.out.forward(&last.f_select(0, 0)?)
     }
 
-    pub(super) fn freeze(&mut self) {
-        self.backbone.frozen = true;
+    pub(super) fn freeze(&mut self, stages: usize) {
+        self.backbone.frozen = stages;
     }
 
     pub(super) fn is_frozen(&self) -> bool {
-        self.backbone.frozen
+        self.backbone.frozen == STAGES
     }
 
     pub(super) fn fold(&mut self) -> Result<(), NnError> {

@@ -130,21 +130,25 @@ impl Network {
         Ok(network)
     }
 
-    /// Excludes a ResNet's backbone from training: its weights get no gradient, none is computed through it, and its
-    /// batch norm uses the running statistics, which stay fixed. The layers after it keep learning.
+    /// Excludes a ResNet's first convolution and as many of its four stages from training: their weights get no gradient,
+    /// none is computed through them, and their batch norm uses the running statistics, which stay fixed. The layers after
+    /// them keep learning. With [`STAGES`](resnet::STAGES) that is the whole backbone, with 0 nothing.
     ///
     /// # Errors
     /// [`NnError::NoBackbone`] for a network of another kind.
-    pub fn freeze_backbone(&mut self) -> Result<(), NnError> {
+    pub fn freeze(&mut self, stages: usize) -> Result<(), NnError> {
         let architecture = self.architecture();
+        let stages = stages.min(resnet::STAGES);
         match &mut self.layers {
             NetworkLayers::PilotNet(_) | NetworkLayers::Cps(_) | NetworkLayers::Lane(_) => {
                 return Err(NnError::NoBackbone { architecture });
             }
-            NetworkLayers::ResNet(layers) | NetworkLayers::Stack(layers) => layers.freeze(),
-            NetworkLayers::Gru(layers) => layers.freeze(),
+            NetworkLayers::ResNet(layers) | NetworkLayers::Stack(layers) => layers.freeze(stages),
+            NetworkLayers::Gru(layers) => layers.freeze(stages),
         }
-        for (_, tensor) in self.tensors.iter().filter(|(name, _)| pretrained::of_backbone(name)) {
+        for (_, tensor) in
+            self.tensors.iter().filter(|(name, _)| pretrained::stage(name).is_some_and(|stage| stage <= stages))
+        {
             let _ = tensor.set_requires_grad(false);
         }
         Ok(())

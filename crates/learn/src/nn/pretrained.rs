@@ -114,8 +114,18 @@ fn load_whole(network: &Network, path: &Path, file: &SafeTensors<'_>) -> Result<
 
 /// Whether a ResNet's tensor belongs to the part that torchvision also has.
 pub(super) fn of_backbone(name: &str) -> bool {
-    let layer = name.split('.').next().unwrap_or_default();
-    matches!(layer, "conv1" | "bn1" | "layer1" | "layer2" | "layer3" | "layer4")
+    stage(name).is_some()
+}
+
+/// The stage of the backbone, 1 to 4, to which the tensor of this name belongs; the first convolution counts as of the first.
+pub(super) fn stage(name: &str) -> Option<usize> {
+    match name.split('.').next().unwrap_or_default() {
+        "conv1" | "bn1" | "layer1" => Some(1),
+        "layer2" => Some(2),
+        "layer3" => Some(3),
+        "layer4" => Some(4),
+        _ => None,
+    }
 }
 
 #[cfg(test)]

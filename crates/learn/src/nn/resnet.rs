@@ -23,6 +23,9 @@ pub fn imagenet() -> PixelScale {
     PixelScale::Standardised { mean: vec![0.485, 0.456, 0.406], std: vec![0.229, 0.224, 0.225] }
 }
 
+/// Groups of blocks that see the picture at the same size: `layer1` to `layer4`.
+pub const STAGES: usize = 4;
+
 /// How many layers a ResNet has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Depth {
@@ -31,8 +34,8 @@ pub(super) enum Depth {
 }
 
 impl Depth {
-    /// Blocks of each of the four stages.
-    fn blocks(self) -> [usize; 4] {
+    /// Blocks of each stage.
+    fn blocks(self) -> [usize; STAGES] {
         match self {
             Self::Eighteen => [2, 2, 2, 2],
             Self::Fifty => [3, 4, 6, 3],
@@ -128,17 +131,18 @@ impl Block {
 #[derive(Debug)]
 pub(super) struct Backbone {
     first: NormedConvolution,
-    blocks: Vec<Block>,
-    /// Whether it uses its running statistics even in training, and none of it changes.
-    pub(super) frozen: bool,
+    stages: [Vec<Block>; STAGES],
+    /// If not 0: the first convolution and this many of the stages use their running statistics even in training, and
+    /// none of them changes.
+    pub(super) frozen: usize,
 }
 
 impl Backbone {
     pub(super) fn build(depth: Depth, channels: i64, source: &mut TensorSource<'_>) -> Result<Self, NnError> {
         let first = NormedConvolution::build(source, "conv1", "bn1", [64, channels, 7], 2)?;
         let mut inputs = 64;
-        let mut blocks = Vec::new();
-        for (stage, count) in depth.blocks().into_iter().enumerate() {
+        let mut stages = [const { Vec::new() }; STAGES];
+        for (stage, (blocks, count)) in stages.iter_mut().zip(depth.blocks()).enumerate() {
             let width = 64 << stage;
             for i in 0..count {
                 let stride = if stage > 0 && i == 0 { 2 } else { 1 };
@@ -147,36 +151,48 @@ impl Backbone {
                 inputs = width * depth.expansion();
             }
         }
-        Ok(Self { first, blocks, frozen: false })
+        Ok(Self { first, stages, frozen: 0 })
     }
 
-    /// (B, channels, H, W) to (B, features). If it is frozen, no gradient is tracked and `train` has no effect.
+    /// (B, channels, H, W) to (B, features). In what is frozen no gradient is tracked and `train` has no effect.
     pub(super) fn forward(&self, frames: &Tensor, train: bool, watch: &mut Watch<'_>) -> Result<Tensor, NnError> {
-        if self.frozen { tch::no_grad(|| self.pass(frames, false, watch)) } else { self.pass(frames, train, watch) }
-    }
-
-    fn pass(&self, frames: &Tensor, train: bool, watch: &mut Watch<'_>) -> Result<Tensor, NnError> {
-        let x = self.first.forward(frames, train)?.f_relu()?; // (B, 64, H / 2, W / 2)
-        watch(&x, self.first.reach());
-        let mut x = x.f_max_pool2d([3, 3], [2, 2], [1, 1], [1, 1], false)?;
-        watch(&x, Reach { kernel: 3, stride: 2, padding: 1 });
-        for block in &self.blocks {
-            x = block.forward(&x, train)?;
-            watch(&x, block.reach());
-        }
+        let (frozen, learning) = self.stages.split_at(self.frozen);
+        let x = if frozen.is_empty() {
+            self.stem(frames, train, watch)?
+        } else {
+            tch::no_grad(|| through(frozen, self.stem(frames, false, watch)?, false, watch))?
+        };
+        let x = through(learning, x, train, watch)?;
         // (B, features, H / 32, W / 32) to (B, features)
         Ok(x.f_adaptive_avg_pool2d([1, 1])?.f_flatten(1, -1)?)
     }
 
+    /// (B, channels, H, W) to (B, 64, H / 4, W / 4).
+    fn stem(&self, frames: &Tensor, train: bool, watch: &mut Watch<'_>) -> Result<Tensor, NnError> {
+        let x = self.first.forward(frames, train)?.f_relu()?; // (B, 64, H / 2, W / 2)
+        watch(&x, self.first.reach());
+        let x = x.f_max_pool2d([3, 3], [2, 2], [1, 1], [1, 1], false)?;
+        watch(&x, Reach { kernel: 3, stride: 2, padding: 1 });
+        Ok(x)
+    }
+
     pub(super) fn fold(&mut self) -> Result<(), NnError> {
         self.first.fold()?;
-        self.blocks.iter_mut().try_for_each(Block::fold)
+        self.stages.iter_mut().flatten().try_for_each(Block::fold)
     }
 
     pub(super) fn share(&self) -> Self {
-        let blocks = self.blocks.iter().map(Block::share).collect();
-        Self { first: self.first.share(), blocks, frozen: self.frozen }
+        let stages = self.stages.each_ref().map(|blocks| blocks.iter().map(Block::share).collect());
+        Self { first: self.first.share(), stages, frozen: self.frozen }
     }
+}
+
+fn through(stages: &[Vec<Block>], mut x: Tensor, train: bool, watch: &mut Watch<'_>) -> Result<Tensor, NnError> {
+    for block in stages.iter().flatten() {
+        x = block.forward(&x, train)?;
+        watch(&x, block.reach());
+    }
+    Ok(x)
 }
 
 /// Lu's perceptron: from features to the steering.
@@ -236,12 +252,12 @@ impl ResNet {
         self.backbone.forward(frames, train, &mut |_, _| {})
     }
 
-    pub(super) fn freeze(&mut self) {
-        self.backbone.frozen = true;
+    pub(super) fn freeze(&mut self, stages: usize) {
+        self.backbone.frozen = stages;
     }
 
     pub(super) fn is_frozen(&self) -> bool {
-        self.backbone.frozen
+        self.backbone.frozen == STAGES
     }
 
     pub(super) fn fold(&mut self) -> Result<(), NnError> {

@@ -10,6 +10,7 @@ use crate::{
     dataset::{Augmentation, DatasetError, Inputs, Samples, Selection, Set},
     nn::Architecture,
 };
+use lapwing_core::words::count;
 
 /// The state to resume from, if any.
 pub(super) fn stored(out: &Path, resume: bool) -> Result<Option<Stored>, TrainError> {
@@ -61,6 +62,16 @@ pub(super) fn data(recipe: &Recipe, architecture: Architecture) -> Result<(Sampl
     } else {
         Samples::open(&recipe.validation, Set::All, None, &recipe.balance)?
     };
+    // A standing car sees the same again, which is no copy.
+    if let Some((shared, picture)) =
+        validation.shared_with(&training).filter(|(n, _)| 100 * n > validation.samples.len())
+    {
+        tracing::warn!(
+            "{shared} of {}, such as {picture}, are in the data to learn from, too: the validation error is lower than on \
+             pictures never seen; leave out what is there twice",
+            count(validation.samples.len(), "held-out picture"),
+        );
+    }
     if let Some(count) = recipe.validation_samples {
         validation.thin_out(count);
     }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{ClosedLoop, TrainError};
 use crate::{
     dataset::{Augmentation, Balance, Blocks, Selection},
-    nn::Precision,
+    nn::{Precision, resnet::STAGES},
 };
 use lapwing_core::perception::Resize;
 
@@ -45,6 +45,9 @@ pub struct Recipe {
     /// Whether the backbone stays as in `pretrained`, including running statistics, and only the layers after it learn;
     /// default false.
     pub freeze_backbone: bool,
+    /// The same for part of the backbone: its first convolution and so many of its four stages, from the first; default 0,
+    /// none of it. With 3, a step of a ResNet50 takes about half as long.
+    pub freeze_stages: usize,
     /// Passes over the data; default 20.
     pub epochs: usize,
     /// Samples in a step; default 64. The last step of an epoch has the rest; but if a ResNet's batch norm would have
@@ -105,6 +108,7 @@ impl Default for Recipe {
             speed_input: false,
             pretrained: None,
             freeze_backbone: false,
+            freeze_stages: 0,
             epochs: 20,
             batch: 64,
             samples_per_epoch: None,
@@ -266,6 +270,11 @@ impl Recipe {
         toml::from_str(text).map_err(|why| TrainError::Recipe(why.to_string()))
     }
 
+    /// How many stages of a ResNet's backbone stay as in `pretrained`: all of them with `freeze_backbone`.
+    pub(super) fn frozen_stages(&self) -> usize {
+        if self.freeze_backbone { STAGES } else { self.freeze_stages }
+    }
+
     /// Checks what can be checked without data.
     ///
     /// # Errors
@@ -306,8 +315,12 @@ impl Recipe {
         if let Some(share) = self.ema.filter(|share| !(*share > 0.0 && *share < 1.0)) {
             return wrong("ema", "above 0, below 1", share.to_string());
         }
-        if self.freeze_backbone && self.pretrained.is_none() {
-            return wrong("freeze_backbone", "pretrained weights that stay", "none".into());
+        if self.freeze_stages > STAGES {
+            return wrong("freeze_stages", "0 to 4", self.freeze_stages.to_string());
+        }
+        if self.frozen_stages() > 0 && self.pretrained.is_none() {
+            let name = if self.freeze_backbone { "freeze_backbone" } else { "freeze_stages" };
+            return wrong(name, "pretrained weights that stay", "none".into());
         }
         for record in &self.record {
             if record.stances == Some(0) {
@@ -394,6 +407,8 @@ mod tests {
             ("ema = 0.0", "ema: expected above 0, below 1, got 0"),
             ("ema = nan", "ema: expected above 0, below 1, got NaN"),
             ("freeze_backbone = true", "freeze_backbone: expected pretrained weights that stay, got none"),
+            ("freeze_stages = 3", "freeze_stages: expected pretrained weights that stay, got none"),
+            ("freeze_stages = 5", "freeze_stages: expected 0 to 4, got 5"),
             (
                 "[augment]\ntranslate_x_px = 4000000000",
                 "augment.translate_x_px: expected 0 to 320, a picture's width, got 4000000000",

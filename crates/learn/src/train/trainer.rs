@@ -139,8 +139,9 @@ impl Trainer {
             let taken = nn::load_pretrained(&network, path).map_err(TrainError::of_pretrained(path))?;
             tracing::info!("{taken} of {} tensors are taken from {}", network.tensors().len(), path.display());
         }
-        if recipe.freeze_backbone {
-            network.freeze_backbone()?;
+        match recipe.frozen_stages() {
+            0 => {}
+            stages => network.freeze(stages)?,
         }
         if network.normalises_by_batch() {
             let got = recipe.batch.min(recipe.samples_per_epoch.unwrap_or(samples.0));

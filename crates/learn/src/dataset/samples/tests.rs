@@ -128,15 +128,29 @@ fn pictures_that_are_no_jpegs_are_left_out_and_those_of_several_sizes_refused() 
 }
 
 #[test]
-fn rows_that_repeat_a_picture_are_counted() {
+fn pictures_that_are_both_learnt_from_and_held_out_are_counted_wherever_they_are_kept() {
     let dir = tempfile::tempdir().unwrap();
-    folder(dir.path(), 20, |_| 0.1);
-    let path = dir.path().join("driving_log.csv");
+    let (data, run) = (dir.path().join("data"), dir.path().join("run.mcap"));
+    fixture::folder(&data, 20, false);
+    fixture::converted(&data, &run);
+    let shared = |learnt: &[Selection]| {
+        let training = Samples::open(learnt, Set::Training, Some(BLOCKS), &Balance::default()).unwrap();
+        open(Selection::of(&data), Set::Validation).unwrap().shared_with(&training).map(|(shared, _)| shared)
+    };
+    assert_eq!(shared(&[Selection::of(&data)]), None);
+    // Of a copy that begins with the fourth row, other rows are held out.
+    let path = data.join("driving_log.csv");
     let log = fs::read_to_string(&path).unwrap();
-    assert_eq!(Source::open(dir.path()).unwrap().repeated(), 0);
+    let copy = dir.path().join("copy");
+    fs::create_dir(&copy).unwrap();
+    let later: String = log.split_inclusive('\n').skip(4).collect();
+    fs::write(copy.join("driving_log.csv"), later).unwrap();
+    assert_eq!(shared(&[Selection::of(&data), Selection::of(&copy)]), Some(4));
+    assert_eq!(shared(&[Selection::of(&run)]), None, "the same rows are held out there");
+
+    // What a log has twice is in another block the second time.
     fs::write(&path, log.clone() + &log).unwrap();
-    assert_eq!(Source::open(dir.path()).unwrap().repeated(), 20);
-    assert_eq!(fixture::looked_over(dir.path()).repeated, 20);
+    assert_eq!(fixture::looked_over(&data).repeated, 20);
 }
 
 #[test]

@@ -302,24 +302,30 @@ fn a_speed_where_none_is_wanted_and_none_where_one_is_are_errors() {
 }
 
 #[test]
-fn a_frozen_backbone_neither_learns_nor_moves_its_statistics_and_the_rest_learns() {
-    for architecture in [Architecture::ResNet18, Architecture::ResNet18Gru, Architecture::ResNet18Stack] {
+fn what_is_frozen_neither_learns_nor_moves_its_statistics_and_the_rest_learns() {
+    let whole = [Architecture::ResNet18, Architecture::ResNet18Gru, Architecture::ResNet18Stack].map(|kind| (kind, 4));
+    for (architecture, stages) in whole.into_iter().chain([1, 3].map(|stages| (Architecture::ResNet18, stages))) {
         let design = small(architecture, false);
         let (store, mut network) = fresh(&design);
         assert!(network.normalises_by_batch());
-        network.freeze_backbone().unwrap();
-        assert!(!network.normalises_by_batch() && !network.share().normalises_by_batch());
+        network.freeze(stages).unwrap();
+        assert_eq!([&network, &network.share()].map(Network::normalises_by_batch), [stages < 4; 2]);
         let before: Vec<_> = network.tensors().into_iter().map(|(name, tensor)| (name, tensor.copy())).collect();
         let answer = network.forward(&frames(&design, 2), None, true).unwrap();
         (answer - 1.0).square().mean(Kind::Float).backward();
         for (name, before) in before {
             let now = &store.variables()[&name];
+            let stage = name.strip_prefix("layer").and_then(|rest| rest[..1].parse().ok()).unwrap_or(1);
+            let behind = ["head.", "gru.", "out."].iter().any(|part| name.starts_with(part)) || stage > stages;
+            if name.contains("running") {
+                assert_eq!(now.equal(&before), !behind, "{name}");
+                continue;
+            }
             assert!(now.equal(&before), "{name}");
-            let behind = ["head.", "gru.", "out."].iter().any(|part| name.starts_with(part));
             assert_eq!((now.requires_grad(), now.grad().defined()), (behind, behind), "{name}");
         }
     }
     let (_store, mut network) = fresh(&small(Architecture::Cps, false));
-    let error = network.freeze_backbone().unwrap_err().to_string();
+    let error = network.freeze(4).unwrap_err().to_string();
     assert_eq!(error, "expected a network with a backbone (resnet…), got cps");
 }
