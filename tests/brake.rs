@@ -91,6 +91,19 @@ fn a_guard_that_is_told_the_time_to_collision_keeps_the_expert_from_running_into
     let hardest = guarded["guard_hardest_g"].as_f64().unwrap();
     assert!((0.3..1.2).contains(&hardest), "{hardest} g");
     assert!(guarded["latency_ms"]["guard"]["p50"].as_f64().is_some(), "{guarded}");
+    // The same on the scorecard and its page.
+    let drive = ["drive", "--pilot", "expert", "--scenario", "ccrs", "--seed", "3", "--brake-guard", "ttc"];
+    let (status, out, err) = lapwing_in(folder.path(), "", &[&drive[..], &["--recordings", "runs"]].concat());
+    assert_eq!(status, 0, "{err}");
+    let braked = out.lines().find(|line| line.starts_with("  guard ")).unwrap();
+    let times = if guarded["guard_activations"] == 1 { "braked once, " } else { "times, " };
+    assert!(braked.contains(times) && braked.ends_with(&format!(" s, at most {hardest:.2} g")), "{braked}");
+    let (status, _, err) = lapwing_in(folder.path(), "", &["score", "runs", "--html", "page.html"]);
+    assert_eq!(status, 0, "{err}");
+    let page = fs::read_to_string(folder.path().join("page.html")).unwrap();
+    for label in ["guard activations", "braked by the guard", "hardest guard braking"] {
+        assert!(page.contains(label), "{label}");
+    }
 }
 
 #[test]
@@ -104,6 +117,21 @@ fn the_shipped_network_keeps_the_expert_from_running_into_a_standing_car() {
     let row = &serde_json::from_str::<Value>(&out).unwrap()["hazards"][0];
     let count = |key: &str| row[key].as_u64().unwrap();
     assert_eq!((count("hit_without"), count("avoidable"), count("avoided")), (2, 2, 2), "{row}");
+}
+
+#[test]
+fn the_shipped_network_keeps_the_shipped_pilot_from_running_into_somebody_who_crosses_as_the_readme_shows() {
+    let folder = tempdir().unwrap();
+    let model = concat!(env!("CARGO_MANIFEST_DIR"), "/models/brake.safetensors");
+    let driven = |more: &[&str]| {
+        let drive = ["drive", "--scenario", "cpna", "--max-time", "12", "--no-recording", "--json"];
+        let (status, out, err) = lapwing_in(folder.path(), "", &[&drive[..], more].concat());
+        assert_eq!(status, 0, "{err}");
+        serde_json::from_str::<Value>(&out).unwrap()
+    };
+    let (alone, guarded) = (driven(&[]), driven(&["--brake-model", model]));
+    assert_eq!((&alone["collisions"], &guarded["collisions"]), (&1.into(), &0.into()), "{alone} {guarded}");
+    assert_eq!(guarded["guard_activations"], 1, "{guarded}");
 }
 
 #[test]

@@ -4,7 +4,7 @@ import functools
 import itertools
 import json
 
-from bridge import FRAMES, RUNS, SHARED, Bridge, Failed, Unity, equal, lapwing, unharmed, within
+from bridge import FRAMES, ROOT, RUNS, SHARED, Bridge, Failed, Unity, equal, lapwing, read_run, unharmed, within
 
 
 @functools.lru_cache(maxsize=None)
@@ -25,6 +25,16 @@ def fast(_):
     # No figure, a trap: without TCP_QUICKACK after every read each answer waits 40 ms.
     within("median round trip, ms", result["rtt_p50_ms"], 0, 20)
     return f"2000 telemetries, {summary['frames_per_s']:.0f}/s, {figures}; bridge's own p99 {summary['latency_ms']['answer']['p99']} ms"
+
+
+def guarded(_):
+    with Bridge("--brake-model", ROOT / "models/brake.safetensors") as bridge:
+        result = Unity(bridge, "--count", 600).result()
+    figures, summary = unharmed(result, 600), bridge.summary()
+    equal("telemetries in the summary", summary["telemetries"], 600)
+    said = set(read_run(bridge.recordings[0])["keys"]["/command"])
+    equal("what the guard said beside each command", said & {"brake_due", "guard_ns"}, {"brake_due", "guard_ns"})
+    return f"600 telemetries, {figures}; the guard's own p50 {summary['latency_ms']['guard']['p50']} ms"
 
 
 def steady(quick):

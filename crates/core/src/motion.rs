@@ -3,9 +3,16 @@
 //! The bicycle model has two wheels in one track that roll without slipping. Angles and curvatures are positive to the
 //! right.
 
-use std::f64::consts::{PI, TAU};
+use std::{
+    collections::VecDeque,
+    f64::consts::{PI, TAU},
+};
 
-use crate::car::WHEELBASE_M;
+use crate::car::{GRAVITY, WHEELBASE_M};
+
+/// A deceleration is measured over at least this long, in seconds: speeds are told a frame at a time, and of the simulator's own
+/// steps of 0.02 s a frame has three or four.
+const OVER_S: f64 = 0.2;
 
 /// The curvature, in 1/m, that a steering angle of the front wheels gives.
 pub fn curvature(steering_deg: f64) -> f64 {
@@ -52,10 +59,58 @@ pub fn between<P>(points: &[P], x: f64, x_of: impl Fn(&P) -> f64, y_of: impl Fn(
     from + share * (to - from)
 }
 
+/// The hardest deceleration over at least 0.2 s, by speeds told a frame at a time.
+#[derive(Debug, Clone, Default)]
+pub struct Deceleration {
+    /// Times in seconds and speeds in m/s: the last, and those before it that are not too old.
+    recent: VecDeque<(f64, f64)>,
+    hardest: f64,
+}
+
+impl Deceleration {
+    /// Begins again, from this time in seconds and speed in m/s if there is one; the hardest deceleration so far stays.
+    pub fn restart(&mut self, from: Option<(f64, f64)>) {
+        self.recent = from.into_iter().collect();
+    }
+
+    /// The car's speed, in m/s, at a time in seconds.
+    pub fn measure(&mut self, at_s: f64, mps: f64) {
+        let is_far_enough = |then: f64| at_s - then >= OVER_S - 1e-9;
+        self.recent.push_back((at_s, mps));
+        // The latest that is far enough back is what is measured from.
+        while self.recent.get(1).is_some_and(|(then, _)| is_far_enough(*then)) {
+            self.recent.pop_front();
+        }
+        if let Some((then, was)) = self.recent.front().filter(|(then, _)| is_far_enough(*then)) {
+            self.hardest = self.hardest.max((was - mps) / (at_s - then) / GRAVITY);
+        }
+    }
+
+    /// The hardest, in g; 0 if the car never became slower.
+    pub fn hardest_g(&self) -> f64 {
+        self.hardest
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::car::FULL_STEERING_DEG;
+
+    #[test]
+    fn the_hardest_deceleration_is_that_of_a_fifth_of_a_second_and_none_from_before_a_restart() {
+        let mut braking = Deceleration::default();
+        // 15 frames a second; one speed is told a step late, which looks like 2 g from one frame to the next.
+        for (i, mps) in [10.0, 10.0, 9.6, 8.3, 8.0, 7.5].into_iter().enumerate() {
+            braking.measure(i as f64 / 15.0, mps);
+        }
+        assert!((braking.hardest_g() - 2.1 / 0.2 / GRAVITY).abs() < 1e-9, "{}", braking.hardest_g());
+        braking.restart(Some((1.0, 5.0)));
+        braking.measure(1.1, 0.0);
+        assert!(braking.hardest_g() < 1.1, "0.1 s is too short");
+        braking.measure(1.2, 0.0);
+        assert!((braking.hardest_g() - 5.0 / 0.2 / GRAVITY).abs() < 1e-9);
+    }
 
     #[test]
     fn full_lock_turns_the_rear_axle_on_a_circle_of_6_15_m() {

@@ -146,6 +146,16 @@ mod tests {
     use super::*;
 
     #[test]
+    fn nothing_that_is_held_out_has_the_size_of_anything_that_is_learnt_from() {
+        for kind in [ActorKind::Car, ActorKind::Pedestrian, ActorKind::Child, ActorKind::Bicycle] {
+            let sizes = |looks: Looks| (0..96).step_by(32).map(move |random| Looks::stretch(kind, looks.look(random)));
+            for learnt in sizes(Looks::Learnt) {
+                assert!(sizes(Looks::HeldOut).all(|size| size != learnt), "{kind}: {learnt}");
+            }
+        }
+    }
+
+    #[test]
     fn a_look_is_of_the_wardrobe_that_it_was_drawn_from() {
         for random in [0, 7, 0x7FFF_FFFF, OTHERS_FROM - 1, OTHERS_FROM, HELD_OUT_FROM, u32::MAX] {
             for looks in [Looks::Plain, Looks::Learnt, Looks::HeldOut] {

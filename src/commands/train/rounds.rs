@@ -7,12 +7,10 @@
 use std::{fs, path::Path, time::Instant};
 
 use anyhow::{Context, bail};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    super::{undriven_layers, world},
-    Interrupted, learn, own_road, whole,
-};
+use super::{super::undriven_layers, Interrupted, learn, own_road, whole};
 use crate::locating;
 use lapwing_core::{
     config::{ControlSettings, Settings},
@@ -161,20 +159,20 @@ struct Round<'a> {
 }
 
 impl Round<'_> {
-    /// All lessons of the round, each with its folder.
+    /// All lessons of the round, each with its folder: as many at a time as there are processors.
     fn drive(&self, folder: &Path) -> anyhow::Result<Vec<(Lesson, Driven)>> {
-        let mut driven = vec![];
-        let drives = self.closed_loop.drive.iter().enumerate();
-        for (i, drive) in drives {
+        let ClosedLoop { drive, along, .. } = self.closed_loop;
+        let on_roads = drive.par_iter().enumerate().map(|(i, drive)| {
             let path = folder.join(format!("drive-{}", i + 1));
-            let lesson = lesson(&path, |partial| self.on_road(drive, partial))?;
-            driven.push((Lesson { path, track: own_road(&drive.track) }, lesson));
-        }
-        for (i, along) in self.closed_loop.along.iter().enumerate() {
+            let driven = lesson(&path, |partial| self.on_road(drive, partial))?;
+            Ok((Lesson { path, track: own_road(&drive.track) }, driven))
+        });
+        let along_recordings = along.par_iter().enumerate().map(|(i, along)| {
             let path = folder.join(format!("along-{}", i + 1));
-            let lesson = lesson(&path, |partial| self.along(along, partial))?;
-            driven.push((Lesson { path, track: along.track.clone() }, lesson));
-        }
+            let driven = lesson(&path, |partial| self.along(along, partial))?;
+            Ok((Lesson { path, track: along.track.clone() }, driven))
+        });
+        let driven = on_roads.chain(along_recordings).collect::<anyhow::Result<Vec<_>>>()?;
         let rows: u64 = driven.iter().map(|(_, driven)| driven.rows).sum();
         let put_back: u32 = driven.iter().map(|(_, driven)| driven.put_back).sum();
         let apart = apart(driven.iter().map(|(_, driven)| driven)).unwrap_or(0.0);
@@ -206,15 +204,11 @@ impl Round<'_> {
             anywhere: true,
             ..RecordOptions::at(speed)
         };
-        let bar = world::ProgressLine::new();
-        let report = record::record(&mut simulation, &mut self.driver(speed), log, options, |simulation| {
-            bar.show(simulation);
+        Ok(record::record(&mut simulation, &mut self.driver(speed), log, options, |simulation| {
             if self.interrupted.is_pressed() {
                 simulation.interrupt();
             }
-        })?;
-        bar.clear();
-        Ok(report)
+        })?)
     }
 
     fn along(&self, along: &PracticeAlong, folder: &Path) -> anyhow::Result<RecordReport> {

@@ -141,7 +141,12 @@ impl SimulatorClock {
 
 #[cfg(test)]
 mod tests {
-    use std::time::Instant;
+    use std::{
+        sync::{Arc, Mutex},
+        time::Instant,
+    };
+
+    use image::codecs::jpeg::JpegEncoder;
 
     use super::*;
     use crate::{
@@ -149,8 +154,9 @@ mod tests {
         control::BrakeLimits,
         driver::Driver,
         guard::{GuardError, TimeToCollision},
+        perception::Frame,
         pilot::{Pilot, PilotError, Prediction, View},
-        protocol::{Answer, Observation, Sight},
+        protocol::{Answer, CameraImage, Observation, Sight},
     };
 
     /// Straight on, and blind.
@@ -233,6 +239,59 @@ mod tests {
         assert!(trace.events.iter().any(released), "{:?}", trace.events);
         let (_, trace) = driver(None).drive(&seen(0, 20.0, Some(1.0)));
         assert_eq!((trace.brake_due, trace.guard), (None, None));
+    }
+
+    /// The pixels that were looked at: where in memory they lie, and how many there are.
+    type Looked = Arc<Mutex<Vec<(usize, usize)>>>;
+
+    fn look(looked: &Looked, frame: &Frame) {
+        looked.lock().unwrap().push((frame.rgb().as_ptr().addr(), frame.rgb().len()));
+    }
+
+    struct Looking(Looked);
+
+    impl Pilot for Looking {
+        fn steer(&mut self, view: &View<'_>) -> Result<Prediction, PilotError> {
+            look(&self.0, view.frame);
+            Ok(Prediction::default())
+        }
+
+        fn reset(&mut self) {}
+    }
+
+    impl Guard for Looking {
+        fn name(&self) -> &str {
+            "looking"
+        }
+
+        fn limits(&self) -> BrakeLimits {
+            BrakeLimits { fires: 0.5, releases: 0.25 }
+        }
+
+        fn watch(&mut self, now: &Watched<'_>) -> Result<Option<f64>, GuardError> {
+            look(&self.0, now.frame);
+            Ok(Some(0.0))
+        }
+
+        fn reset(&mut self) {}
+    }
+
+    #[test]
+    fn pilot_and_guard_look_at_the_same_decoded_frame() {
+        let mut jpeg = vec![];
+        JpegEncoder::new(&mut jpeg).encode(&[90; 64 * 32 * 3], 64, 32, image::ExtendedColorType::Rgb8).unwrap();
+        let [pilots, guards] = [Looked::default(), Looked::default()];
+        let driver = Driver::new(Box::new(Looking(pilots.clone())), &ControlSettings::default(), Instant::now);
+        let mut driver = driver.guarded(Some(Box::new(Looking(guards.clone()))));
+        for i in 0..2 {
+            let mut seen = seen(i, 8.0, None);
+            let Sight::Telemetry(telemetry) = &mut seen.sight else { panic!("no telemetry") };
+            telemetry.image = CameraImage::Jpeg(jpeg.clone().into());
+            driver.drive(&seen);
+        }
+        let pilots = pilots.lock().unwrap().clone();
+        assert_eq!(pilots.iter().map(|(_, bytes)| *bytes).collect::<Vec<_>>(), [64 * 32 * 3; 2]);
+        assert_eq!(pilots, *guards.lock().unwrap());
     }
 
     /// Warns of everything, until it forgets.

@@ -526,6 +526,34 @@ mod tests {
     }
 
     #[test]
+    fn the_papers_network_learns_by_the_mean_square_of_its_errors() {
+        let numbers = |numbers: &[f32]| Tensor::from_slice(numbers).view([-1, 1]);
+        let answers = Answers { due: numbers(&[0.5, 1.0, -2.0]), blocked: None, shows: None };
+        let (recipe, drives) = (recipe(""), [drive()]);
+        let mut learning = begun(&recipe, &drives);
+        learning.draw.begin(1);
+        let drawn = learning.draw.batch(&drives, &learning.wanted, &recipe, &learning.reader);
+        let (batch, _) = drawn.unwrap().unwrap();
+        let batch = Batch { due: numbers(&[0.0, 1.0, 1.0]), weights: numbers(&[1.0, 1.0, 2.0]), ..batch };
+        let [summed, weights] = errors(&answers, &batch).unwrap().map(|x| Vec::<f32>::try_from(&x).unwrap());
+        assert_eq!((summed, weights), (vec![0.25, 0.0, 18.0], vec![1.0, 1.0, 2.0]));
+    }
+
+    #[test]
+    fn the_learning_rate_falls_where_the_validation_loss_does_not_for_so_many_passes() {
+        let (recipe, drives) = (recipe("patience = 2\nfalls_to = 0.1\nlearning_rate = 1e-3"), [drive()]);
+        let mut learning = begun(&recipe, &drives);
+        let rates = [0.5, 0.6, 0.5, 0.4, 0.45, 0.41, 0.43].map(|validation| {
+            let told =
+                Epoch { epoch: 1, windows: 1, loss: 1.0, validation, learning_rate: 0.0, seconds: 0.0, best: false };
+            learning.judge(told).unwrap();
+            learning.position.rate
+        });
+        let expected = [1e-3, 1e-3, 1e-4, 1e-4, 1e-4, 1e-5, 1e-5];
+        assert!(rates.iter().zip(expected).all(|(rate, expected)| (rate / expected - 1.0).abs() < 1e-9), "{rates:?}");
+    }
+
+    #[test]
     fn what_frames_show_is_learnt_besides() {
         let text = "network = \"brake-live\"\nwindows_per_epoch = 16\nbatch = 8\nlearning_rate = 3e-3\nbesides = 1.0\nflip = 0.5";
         let recipe = BrakingRecipe::read(text).unwrap();

@@ -225,6 +225,7 @@ mod tests {
     fn a_recipe_needs_only_its_network_and_refuses_what_cannot_be() {
         let recipe = BrakingRecipe::read("network = \"brake-stacked\"").unwrap();
         assert_eq!((recipe.learning_rate, recipe.standing, recipe.lead, recipe.hold), (1e-3, 0.5, 0.0, false));
+        assert_eq!(recipe.schedule, Schedule::Plateau, "as the paper has it");
         let error =
             |line: &str| BrakingRecipe::read(&format!("network = \"brake-live\"\n{line}")).unwrap_err().to_string();
         assert_eq!(error("lead = 1.5"), "lead: expected a share from 0 to 1, got 1.5");

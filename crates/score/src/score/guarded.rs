@@ -1,12 +1,7 @@
 //! What a guard did in a run: how often and how long it braked in place of the pilot, and how hard.
 
-use std::collections::VecDeque;
-
 use super::{Figure, Measure};
-use lapwing_core::{car::GRAVITY, recording::CommandRecord};
-
-/// A deceleration is measured over at least this long, in seconds: speeds are told a frame at a time.
-const OVER_S: f64 = 0.2;
+use lapwing_core::{motion::Deceleration, recording::CommandRecord};
 
 const NO_GUARD: &str = "no guard watched";
 /// It was there and never had a value to brake by.
@@ -21,32 +16,25 @@ pub(super) struct Guarded {
     activations: u32,
     since_s: Option<f64>,
     braked_s: f64,
-    /// Times in seconds and speeds in m/s while it brakes: the last of them, and those before within [`OVER_S`].
-    recent: VecDeque<(f64, f64)>,
+    /// While it brakes.
+    braking: Deceleration,
+    /// The last telemetry's time in seconds and speed in m/s.
     last: Option<(f64, f64)>,
     /// Whether something was hit since it began: from there on, the impact takes speed off as well.
     was_hit: bool,
-    hardest: f64,
 }
 
 impl Guarded {
     /// A telemetry; `goes_on` says whether the car drove here from where the last one saw it.
     pub(super) fn telemetry(&mut self, at_s: f64, mps: f64, goes_on: bool) {
         if !goes_on {
-            self.recent.clear();
+            self.braking.restart(None);
         }
         self.last = Some((at_s, mps));
         if self.since_s.is_none() || self.was_hit {
             return;
         }
-        self.recent.push_back((at_s, mps));
-        // The latest that is far enough back is what the deceleration is measured from.
-        while self.recent.get(1).is_some_and(|(then, _)| at_s - then >= OVER_S - 1e-9) {
-            self.recent.pop_front();
-        }
-        if let Some((then, was)) = self.recent.front().filter(|(then, _)| at_s - then >= OVER_S - 1e-9) {
-            self.hardest = self.hardest.max((was - mps) / (at_s - then) / GRAVITY);
-        }
+        self.braking.measure(at_s, mps);
     }
 
     pub(super) fn command(&mut self, command: &CommandRecord) {
@@ -59,13 +47,13 @@ impl Guarded {
         self.activations += 1;
         self.since_s.get_or_insert(at_s);
         // What was seen when it began.
-        self.recent = self.last.into_iter().collect();
+        self.braking.restart(self.last);
         self.was_hit = false;
     }
 
     /// Something was hit, which the next telemetry shows.
     pub(super) fn hit(&mut self) {
-        self.recent.clear();
+        self.braking.restart(None);
         self.was_hit = true;
     }
 
@@ -83,14 +71,17 @@ impl Guarded {
         [
             (Figure::GuardActivations, told(self.activations.into())),
             (Figure::GuardBrakedS, told(self.braked_s)),
-            (Figure::GuardHardest, told(self.hardest)),
+            (Figure::GuardHardest, told(self.braking.hardest_g())),
         ]
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use lapwing_core::units::{Steering, Throttle};
+    use lapwing_core::{
+        car::GRAVITY,
+        units::{Steering, Throttle},
+    };
 
     use super::*;
 

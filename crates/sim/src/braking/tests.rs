@@ -1,8 +1,9 @@
-use std::{convert::Infallible, fs, sync::Arc};
+use std::{collections::BTreeSet, convert::Infallible, fs, sync::Arc};
 
 use super::*;
 use crate::{
     camera::{Camera, Renderer, Shot},
+    conditions::Conditions,
     scene::Looks,
     world::Simulation,
 };
@@ -173,6 +174,52 @@ fn on_a_road_that_all_parts_share_each_has_its_own_piece() {
     };
     assert!(weather(Part::Train).haze < 0.1 && weather(Part::HeldOut).haze >= 0.15);
     assert!(weather(Part::Train).brightness >= 0.85 && weather(Part::HeldOut).brightness <= 0.8);
+}
+
+#[test]
+fn no_rain_low_sun_or_night_that_is_held_out_is_learnt_from() {
+    let places = lake();
+    let weather = |part, layer| {
+        let staged = (0..40).map(|seed| Staging { case: Case::Ccrs, layer, part, speed_mph: 20.0, seed });
+        staged.map(|staging| staging.setup(places.get("lake").unwrap()).unwrap().conditions).collect::<Vec<_>>()
+    };
+    for (layer, strength) in [(Layer::Rain, (|of| of.rain) as fn(&Conditions) -> f64), (Layer::Night, |of| of.night)] {
+        let all = |part| weather(part, layer).iter().map(strength).collect::<Vec<_>>();
+        let held_out = all(Part::HeldOut);
+        let [least, most] =
+            [held_out.iter().copied().fold(1.0, f64::min), held_out.iter().copied().fold(0.0, f64::max)];
+        assert!(0.7 < least && least < most && most < 1.0, "{layer}: {least} to {most}");
+        let learnt = all(Part::Train);
+        assert!(learnt.iter().all(|x| !(least..=most).contains(x)), "{layer}: {learnt:?}");
+        assert!(learnt.iter().any(|x| *x < least) && learnt.contains(&1.0), "weaker and stronger: {learnt:?}");
+    }
+    let suns = |part| -> BTreeSet<_> {
+        let at = |of: &Conditions| [of.sun_height_deg, of.sun_azimuth_deg].map(|degrees| degrees.unwrap() as i32);
+        weather(part, Layer::LowSun).iter().map(at).collect()
+    };
+    let (learnt, held_out) = (suns(Part::Train), suns(Part::HeldOut));
+    assert!(learnt.len() == 6 && held_out.len() == 2 && learnt.is_disjoint(&held_out), "{learnt:?} {held_out:?}");
+}
+
+#[test]
+fn a_driver_who_looked_away_notices_a_danger_at_a_time_to_collision_of_2_4_s() {
+    let places = lake();
+    for case in [Case::Ccrs, Case::Ccrm, Case::Cbla] {
+        let episode = episode(case, Layer::Plain, 25.0, 5);
+        let setup = episode.staging().setup(places.get(&episode.track).unwrap()).unwrap();
+        let mut world = Simulation::new(setup).unwrap().seen_by(Blind);
+        let mut told = vec![];
+        let played = play(&mut world, &mut Human::new(episode.temper()), |shown| {
+            if let Shown::Turn(turn, _) = shown {
+                let to_go_s = turn.telemetry().and_then(|telemetry| telemetry.truth.time_to_collision_s);
+                told.push((turn.at().as_secs_f64(), to_go_s.unwrap_or(f64::INFINITY)));
+            }
+            Ok::<(), Infallible>(())
+        });
+        let began_s = played.unwrap().pressed_s.unwrap() - episode.reaction_s;
+        let (_, to_go_s) = told.into_iter().rfind(|(at_s, _)| *at_s <= began_s + 1e-6).unwrap();
+        assert!((to_go_s - 2.4).abs() < 0.15, "{case}: {to_go_s} s");
+    }
 }
 
 #[test]

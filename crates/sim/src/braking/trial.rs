@@ -32,12 +32,12 @@ use crate::{
     world::Simulation,
 };
 use lapwing_core::{
-    car::GRAVITY,
     config::ControlSettings,
     control::{HELD_S, KnownSpeed, Standstill},
     drive::{self, Eventful, Observer, ObserverError, TurnError},
     driver::Driver,
     guard::GuardModel,
+    motion::Deceleration,
     pilot::PurePursuit,
     protocol::{Answer, Command, Observation, World},
     turn::{EventRecord, Turn},
@@ -144,7 +144,7 @@ pub struct Outcome {
     pub activations: u32,
     /// For how long in all, in seconds.
     pub braked_s: f64,
-    /// The hardest deceleration while it did, in g, over one frame: a scorecard's is over at least 0.2 s.
+    /// The hardest deceleration while it did, in g, over at least 0.2 s.
     pub hardest_g: f64,
     /// The shortest way to anything ahead, in metres.
     pub least_gap_m: f64,
@@ -361,6 +361,9 @@ struct Watched<'a> {
     outcome: Outcome,
     speed_mph: f64,
     before_mph: f64,
+    /// While the guard brakes.
+    braking: Deceleration,
+    brakes: bool,
     /// The last telemetry at which the car moved, in seconds.
     moved_s: f64,
     stood: bool,
@@ -375,7 +378,18 @@ impl<'a> Watched<'a> {
         show: &'a mut dyn FnMut(&Simulation) -> Result<(), ObserverError>,
     ) -> Self {
         let outcome = Outcome { least_gap_m: f64::INFINITY, ..Outcome::default() };
-        Self { outcome, speed_mph, before_mph: speed_mph, moved_s: 0.0, stood: false, longest_stand_s, show }
+        let braking = Deceleration::default();
+        Self {
+            outcome,
+            speed_mph,
+            before_mph: speed_mph,
+            braking,
+            brakes: false,
+            moved_s: 0.0,
+            stood: false,
+            longest_stand_s,
+            show,
+        }
     }
 }
 
@@ -384,6 +398,7 @@ impl Observer<Driven> for Watched<'_> {
         (self.show)(&driven.world)?;
         let Some(telemetry) = turn.telemetry() else { return Ok(()) };
         let (dt_s, mph, outcome) = (driven.world.setup().hz.recip(), telemetry.speed.get(), &mut self.outcome);
+        let now_s = turn.at().as_secs_f64();
         outcome.frames += 1;
         if let Some(gap) = telemetry.truth.gap {
             outcome.least_gap_m = outcome.least_gap_m.min(gap.get());
@@ -391,16 +406,21 @@ impl Observer<Driven> for Watched<'_> {
         if outcome.impact_mph.is_none() {
             outcome.reduction_mph = outcome.reduction_mph.max(self.speed_mph - mph);
             // The command in force during the last interval is the one that braked.
-            if telemetry.truth.brake.is_some_and(|brake| brake >= -GUARDS) {
+            let brakes = telemetry.truth.brake.is_some_and(|brake| brake >= -GUARDS);
+            if brakes {
+                if !self.brakes {
+                    self.braking.restart(Some((now_s - dt_s, self.before_mph * MPS_PER_MPH)));
+                }
                 outcome.braked_s += dt_s;
-                outcome.hardest_g = outcome.hardest_g.max((self.before_mph - mph) * MPS_PER_MPH / dt_s / GRAVITY);
+                self.braking.measure(now_s, mph * MPS_PER_MPH);
+                outcome.hardest_g = self.braking.hardest_g();
             }
+            self.brakes = brakes;
         }
         for event in &turn.trace.events {
             outcome.activations += u32::from(matches!(event, EventRecord::GuardBrakes { .. }));
         }
         self.before_mph = mph;
-        let now_s = turn.at().as_secs_f64();
         if driven.world.car().speed.abs() > STANDING {
             self.moved_s = now_s;
         }
