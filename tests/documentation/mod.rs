@@ -308,7 +308,9 @@ fn the_readme_shows_what_make_drive_runs() {
         recipe.lines().take_while(|line| line.starts_with('\t')).map(|line| line.trim().replace("target/release/", ""));
     let shown = Page { name: "README.md".into(), text: read("README.md") };
     let shown = shown.invocations().into_iter().filter(|i| i.shown.is_some()).map(|i| i.words.join(" "));
-    assert_eq!(recipe.collect::<Vec<_>>(), shown.collect::<Vec<_>>());
+    // What else the page shows comes later.
+    let recipe: Vec<_> = recipe.collect();
+    assert_eq!(recipe, shown.take(recipe.len()).collect::<Vec<_>>());
 }
 
 #[test]

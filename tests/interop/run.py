@@ -36,7 +36,7 @@ from bridge import ENVIRONMENT, FRAMES, LAPWING, REQUIRE_SHARED, RUNS, SHARED, F
 # Name, check, whether it needs the shared folder, what it holds to.
 CHECKS = [
     ("fast", checks_drives.fast, True, "2000 real frames as fast as they are answered"),
-    ("guarded", checks_drives.guarded, True, "the same with a network that brakes beside the pilot"),
+    ("guarded", checks_drives.guarded, True, "150 real frames at 15 a second, with a network that brakes beside the pilot"),
     ("run-file", checks_runs.run_file, True, "the run of `fast` by stock mcap packages"),
     ("schemas", checks_runs.schemas, False, "every message of runs of all kinds is as the schema beside it says"),
     ("steady", checks_drives.steady, True, "60 s at 60 frames a second"),
