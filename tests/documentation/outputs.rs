@@ -27,18 +27,13 @@ pub fn difference(shown: &[String], got: &[String], differing: Differing) -> Opt
         let lengths = || format!("expected {} lines, got {}:\n{}", shown.len(), got.len(), lines(got));
         return first.or_else(|| (shown.len() != got.len()).then(lengths));
     }
-    let fits =
-        |part: &[String], got: &[String]| got.len() >= part.len() && part.iter().zip(got).all(|(a, b)| equal(a, b));
     // The first part begins where the output does, the last ends where it does, and those between follow one another.
     let mut rest = got;
     let fit = parts.iter().enumerate().all(|(i, part)| {
-        let last = rest.len().checked_sub(part.len());
-        let found = match last {
-            None => None,
-            Some(_) if i == 0 => fits(part, rest).then_some(0),
-            Some(last) if i + 1 == parts.len() => fits(part, &rest[last..]).then_some(last),
-            Some(last) => (0..=last).find(|at| fits(part, &rest[*at..])),
-        };
+        let Some(last) = rest.len().checked_sub(part.len()) else { return false };
+        let from = if i + 1 == parts.len() { last } else { 0 };
+        let to = if i == 0 { 0 } else { last };
+        let found = (from..=to).find(|at| part.iter().zip(&rest[*at..]).all(|(a, b)| equal(a, b)));
         found.inspect(|at| rest = &rest[at + part.len()..]).is_some()
     });
     (!fit).then(|| format!("expected\n{}\ngot\n{}", lines(shown), lines(got)))
