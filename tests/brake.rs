@@ -3,7 +3,7 @@
 use std::{fs, path::Path};
 
 use lapwing_score::emergency::{LabelRule, Labelled};
-use serde_json::Value;
+use serde_json::{Value, json};
 use tempfile::tempdir;
 
 use crate::{program::lapwing_in, support::shared};
@@ -306,6 +306,14 @@ fn each_recorded_hazard_is_labelled_as_one_emergency_and_nothing_harmless_is() {
         assert_eq!(found.moments.to_string(), fields[9], "{row}");
     }
     assert!(table.lines().count() > 4, "{table}");
+    let (status, out, err) = lapwing_in(folder.path(), "", &[&record[..], &["--part", "held-out", "--json"]].concat());
+    assert_eq!((status, err.as_str()), (0, ""));
+    let report: serde_json::Value = serde_json::from_str(&out).unwrap();
+    let held_out = table.lines().filter(|row| row.split(',').nth(1) == Some("held-out")).count();
+    assert_eq!(
+        (&report["part"], &report["kept"], &report["episodes"]),
+        (&json!("held-out"), &json!(held_out), &json!(held_out))
+    );
 }
 
 #[test]

@@ -56,12 +56,15 @@ pub struct BrakeRecord {
     /// Folder for a run of each episode and episodes.csv; episodes that are there already are kept
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Hours of driving, at least
+    /// Hours of driving, of all parts together, at least
     #[arg(long, value_name = "HOURS", default_value_t = 3.0, value_parser = above_zero)]
     pub hours: f64,
     /// Random seed
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
+    /// Record only this part of the data set: train to learn from, validation to choose by, held-out to judge by [default: all]
+    #[arg(long, value_parser = part())]
+    pub part: Option<Part>,
     /// Print what was recorded as JSON
     #[arg(long)]
     pub json: bool,

@@ -107,7 +107,7 @@ Examples:
 pub(super) const BRAKE_RECORD: &str = "\
 Examples:
   lapwing brake record --out data/brake   # three hours of driving
-  lapwing brake record --out data/brake-test --hours 0.1 --seed 7";
+  lapwing brake record --out data/brake-held-out --hours 8.3 --part held-out   # only what networks are judged by";
 
 #[cfg(feature = "simulator")]
 pub(super) const BRAKE_TRIAL: &str = "\

@@ -8,12 +8,13 @@ use serde_json::json;
 use super::super::{Ended, interrupted, outputs, print};
 use crate::cli::BrakeRecord;
 use lapwing_core::words::count;
-use lapwing_sim::braking::{DataOptions, DataReport, Kind, Recorded, record};
+use lapwing_sim::braking::{DataOptions, DataReport, Kind, Part, Recorded, record};
 
 pub(super) fn run(arguments: &BrakeRecord) -> anyhow::Result<Ended> {
     outputs::check_folder(&arguments.out)?;
     let interrupted = interrupted();
-    let options = DataOptions { hours: arguments.hours, seed: arguments.seed, ..DataOptions::default() };
+    let &BrakeRecord { hours, seed, part, .. } = arguments;
+    let options = DataOptions { hours, seed, part, ..DataOptions::default() };
     let bar = if io::stderr().is_terminal() { ProgressBar::new(1) } else { ProgressBar::hidden() };
     let report = record(&arguments.out, options, |done, of| {
         bar.set_length(of as u64);
@@ -26,7 +27,7 @@ pub(super) fn run(arguments: &BrakeRecord) -> anyhow::Result<Ended> {
         print(&serde_json::to_string_pretty(&json!({
             "episodes": report.episodes.len(), "kept": report.kept, "more": report.more, "given_up": report.given_up,
             "hours": told.hours, "hazards": told.hazards, "negatives": told.negatives, "hits": told.hits,
-            "interrupted": report.interrupted,
+            "part": part.map(Part::name), "interrupted": report.interrupted,
         }))?)?;
     } else if report.interrupted && report.episodes.is_empty() {
         print(&format!("interrupted before this call recorded anything in {}", arguments.out.display()))?;

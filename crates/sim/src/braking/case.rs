@@ -133,7 +133,7 @@ named! {
     Layer {
         /// By day, in fair weather, all in sight.
         Plain = "plain",
-        /// Partly hidden: by parked cars beside the road, or by a car between that leaves the lane.
+        /// Hidden for a while: by parked cars beside the road, or by a car between that leaves the lane.
         Hidden = "hidden",
         /// In rain.
         Rain = "rain",

@@ -50,17 +50,25 @@ const AT_ONCE: usize = 16;
 /// How much is recorded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DataOptions {
-    /// Hours of driving, at least.
+    /// Hours of driving, of all parts together, at least.
     pub hours: f64,
     /// The seed of everything random.
     pub seed: u64,
     /// Telemetries a second. 15 by default.
     pub hz: f64,
+    /// Record only this part. The hours are those of all parts. All by default.
+    pub part: Option<Part>,
+}
+
+impl DataOptions {
+    fn wants(self, part: Part) -> bool {
+        self.part.is_none_or(|only| only == part)
+    }
 }
 
 impl Default for DataOptions {
     fn default() -> Self {
-        Self { hours: 3.0, seed: 0, hz: 15.0 }
+        Self { hours: 3.0, seed: 0, hz: 15.0, part: None }
     }
 }
 
@@ -75,7 +83,7 @@ pub struct Recorded {
     pub hit: bool,
 }
 
-/// What was recorded.
+/// What was recorded of the part that was asked for.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct DataReport {
     /// All episodes, those that were there before included.
@@ -109,6 +117,14 @@ pub enum DataError {
         path: PathBuf,
         /// What the system says.
         source: io::Error,
+    },
+    /// Nothing of the part.
+    #[error("no {part} episode comes in the first {hours} hours: ask for more hours")]
+    NoEpisode {
+        /// The part.
+        part: Part,
+        /// So many were asked for.
+        hours: f64,
     },
     /// Another data set is in the folder.
     #[error(
@@ -190,6 +206,10 @@ pub fn record(
     let Some((mut report, drawn)) = rehearse(&mut places, options, &watch)? else {
         return Ok(DataReport { interrupted: true, ..DataReport::default() });
     };
+    let wanted: Vec<Recorded> = drawn.iter().filter(|recorded| options.wants(recorded.episode.part)).cloned().collect();
+    if let (Some(part), []) = (options.part, &wanted[..]) {
+        return Err(DataError::NoEpisode { part, hours: options.hours });
+    }
     let more = rows_beyond(folder, &drawn)?;
     let path = |recorded: &Recorded| run_of(folder, &recorded.episode.name);
     drawn.par_iter().try_for_each(|recorded| check_kept(&path(recorded), &recorded.episode, options))?;
@@ -197,10 +217,10 @@ pub fn record(
     if held.is_some() {
         remove_partial(folder).map_err(cannot)?;
     }
-    let listed = || drawn.iter().filter(|recorded| path(recorded).is_file()).cloned().collect::<Vec<_>>();
-    (report.kept, report.more) = (listed().len(), more.len());
-    let (total, mut done) = (drawn.len(), 0);
-    for some in drawn.chunks(at_once()) {
+    let there = |of: &[Recorded]| of.iter().filter(|recorded| path(recorded).is_file()).cloned().collect::<Vec<_>>();
+    (report.kept, report.more) = (there(&wanted).len(), more.len());
+    let (total, mut done) = (wanted.len(), 0);
+    for some in wanted.chunks(at_once()) {
         let record = |recorded: &Recorded| {
             let path = path(recorded);
             if path.is_file() {
@@ -210,11 +230,12 @@ pub fn record(
         };
         let whole = some.par_iter().map(record).collect::<Result<Option<()>, DataError>>()?;
         done += some.len();
-        report.episodes = listed();
-        if !report.episodes.is_empty() {
+        report.episodes = there(&wanted);
+        let listed = there(&drawn);
+        if !listed.is_empty() {
             let rows: String = more.iter().flat_map(|row| [row.as_str(), "\n"]).collect();
             let table = folder.join(EPISODES_NAME);
-            files::write(&table, (csv(&report.episodes) + &rows).as_bytes())
+            files::write(&table, (csv(&listed) + &rows).as_bytes())
                 .map_err(|source| DataError::Write { path: table, source })?;
         }
         if whole.is_none() || !watch(done, total) {
@@ -335,14 +356,14 @@ fn rehearse(
         let one = |episode: &Episode| goes_on(frames).then(|| of_use(places, episode, options)).transpose();
         let rehearsed = some.par_iter().map(one).collect::<Result<Option<Vec<_>>, DataError>>()?;
         let Some(rehearsed) = rehearsed else { return Ok(None) };
-        for recorded in rehearsed {
+        for (episode, recorded) in some.iter().zip(rehearsed) {
             match recorded {
                 Some(recorded) if (frames as f64) < wanted => {
                     frames += recorded.frames;
                     drawn.push(recorded);
                 }
-                Some(_) => {}
-                None => report.given_up += 1,
+                None if options.wants(episode.part) => report.given_up += 1,
+                _ => {}
             }
         }
     }

@@ -1,7 +1,8 @@
 //! What of the road's traffic can be seen from the car.
 //!
-//! Seen from above: something is seen while the centre camera has enough of its outline in its field of view, with nothing
-//! about as high between. Hills and bends hide nothing here; night and rain end the view at a distance.
+//! Something is seen while the centre camera has enough of its outline, as from above, in its field of view, with nothing between
+//! that hides most of its height. The ground is taken to be flat, so hills hide nothing here; night and rain end the view at a
+//! distance.
 
 use glam::DVec2;
 
@@ -16,8 +17,8 @@ use crate::{
 
 /// So many of the five points of an outline, corners and middle, must be seen.
 const SEEN_OF_FIVE: usize = 2;
-/// What is at least this share as high as something hides it.
-const HIDES: f64 = 0.8;
+/// Something is hidden by what covers this share of its height, from below.
+const HIDDEN_SHARE: f64 = 0.8;
 /// The distance of sight, in metres, on a fair day; in the heaviest rain; by the light of the headlights alone, which at 50 m
 /// is a tenth of what it is near the car (`camera::weather`).
 const DAY_M: f64 = 150.0;
@@ -40,7 +41,8 @@ impl<'a> Sight<'a> {
         Self::from(world.car(), world.actors(), &world.setup().conditions)
     }
 
-    fn from(car: &Car, actors: &'a [Actor], conditions: &Conditions) -> Self {
+    /// A camera's on this car, among these actors.
+    pub(super) fn from(car: &Car, actors: &'a [Actor], conditions: &Conditions) -> Self {
         let Camera { lens, mount, .. } = Camera::CENTER;
         let ratio = lens.width as f64 / lens.height as f64;
         Self {
@@ -63,11 +65,14 @@ impl<'a> Sight<'a> {
     }
 
     /// Whether one of them is.
-    fn sees(&self, i: usize) -> bool {
+    pub(super) fn sees(&self, i: usize) -> bool {
         let actor = &self.actors[i];
         let outline = Box2::of_actor(actor);
+        let (eye_m, away) = (Camera::CENTER.mount.position.y, |of: &Actor| flat(of.position).distance(self.eye));
+        // Over what is lower than the eye one looks down, and up over what is higher.
         let hiding = |other: &&Actor| {
-            !std::ptr::eq(*other, actor) && other.kind.is_obstacle() && other.size().y >= HIDES * actor.size().y
+            let covered_m = eye_m + (other.size().y - eye_m) * away(actor) / away(other);
+            !std::ptr::eq(*other, actor) && other.kind.is_obstacle() && covered_m >= HIDDEN_SHARE * actor.size().y
         };
         let boxes: Vec<Box2> = self.actors.iter().filter(hiding).map(Box2::of_actor).collect();
         let shows = |point: &DVec2| {
