@@ -56,7 +56,7 @@ pub struct BrakeRecord {
     /// Folder for a run of each episode and episodes.csv; episodes that are there already are kept
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Hours of driving, of all parts together, at least
+    /// Hours of driving in all parts together, at least
     #[arg(long, value_name = "HOURS", default_value_t = 3.0, value_parser = above_zero)]
     pub hours: f64,
     /// Random seed

@@ -50,13 +50,13 @@ const AT_ONCE: usize = 16;
 /// How much is recorded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DataOptions {
-    /// Hours of driving, of all parts together, at least.
+    /// Hours of driving in all parts together, at least.
     pub hours: f64,
     /// The seed of everything random.
     pub seed: u64,
     /// Telemetries a second. 15 by default.
     pub hz: f64,
-    /// Record only this part. The hours are those of all parts. All by default.
+    /// Record only this part; the hours still count all parts. All parts by default.
     pub part: Option<Part>,
 }
 
@@ -119,7 +119,7 @@ pub enum DataError {
         source: io::Error,
     },
     /// Nothing of the part.
-    #[error("no {part} episode comes in the first {hours} hours: ask for more hours")]
+    #[error("there is no {part} episode in the first {hours} hours: ask for more hours")]
     NoEpisode {
         /// The part.
         part: Part,

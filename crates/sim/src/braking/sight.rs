@@ -1,8 +1,7 @@
 //! What of the road's traffic can be seen from the car.
 //!
-//! Something is seen while the centre camera has enough of its outline, as from above, in its field of view, with nothing between
-//! that hides most of its height. The ground is taken to be flat, so hills hide nothing here; night and rain end the view at a
-//! distance.
+//! Something is seen if enough of its outline, drawn from above, is in the centre camera's field of view and nothing in between hides
+//! most of its height. The ground is taken to be flat, so hills hide nothing here; night and rain end the view at a distance.
 
 use glam::DVec2;
 
@@ -41,7 +40,7 @@ impl<'a> Sight<'a> {
         Self::from(world.car(), world.actors(), &world.setup().conditions)
     }
 
-    /// A camera's on this car, among these actors.
+    /// The view of the centre camera of this car, among these actors.
     pub(super) fn from(car: &Car, actors: &'a [Actor], conditions: &Conditions) -> Self {
         let Camera { lens, mount, .. } = Camera::CENTER;
         let ratio = lens.width as f64 / lens.height as f64;
@@ -69,7 +68,7 @@ impl<'a> Sight<'a> {
         let actor = &self.actors[i];
         let outline = Box2::of_actor(actor);
         let (eye_m, away) = (Camera::CENTER.mount.position.y, |of: &Actor| flat(of.position).distance(self.eye));
-        // Over what is lower than the eye one looks down, and up over what is higher.
+        // The line of sight falls beyond what is lower than the eye, and rises beyond what is higher.
         let hiding = |other: &&Actor| {
             let covered_m = eye_m + (other.size().y - eye_m) * away(actor) / away(other);
             !std::ptr::eq(*other, actor) && other.kind.is_obstacle() && covered_m >= HIDDEN_SHARE * actor.size().y

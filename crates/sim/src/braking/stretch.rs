@@ -20,7 +20,7 @@ const STRAIGHTEST: f64 = 0.2;
 const BENT: f64 = 0.4;
 /// Who stands farther beside the road than this beyond its edge needs ground there, in metres.
 const VERGE_M: f64 = 0.4;
-/// How long before it leaves the lane it is looked whether a car there hides what is ahead of it, in seconds.
+/// Times before a car leaves the lane at which it must hide what is ahead of it, in seconds.
 const HIDDEN_BEFORE_S: [f64; 3] = [1.0, 0.5, 0.0];
 /// What nobody stands behind.
 const WALLS: [Edge; 4] = [Edge::Bridge, Edge::Blocks, Edge::Rock, Edge::Water];

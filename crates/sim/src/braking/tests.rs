@@ -349,7 +349,7 @@ fn a_part_alone_is_the_same_as_in_the_whole_data_set_and_joins_it() {
     let [there, here] = [&whole, &alone].map(|folder| fs::read_to_string(folder.path().join(EPISODES_NAME)).unwrap());
     assert_eq!(there, here);
     let error = record(alone.path(), of(Part::Validation), |_, _| true).unwrap_err().to_string();
-    assert_eq!(error, "no validation episode comes in the first 0.01 hours: ask for more hours");
+    assert_eq!(error, "there is no validation episode in the first 0.01 hours: ask for more hours");
 }
 
 #[test]
