@@ -51,7 +51,7 @@ fn placed(summary: Summary) -> Placed {
 #[test]
 fn on_the_real_roads_the_side_cameras_are_found_where_they_sit_on_the_car() {
     let Some(folder) = shared("recordings") else { return };
-    // Of the lake the second half of a lap, with the bridge and the bend into the open.
+    // Of the lake 435 m, with the bridge and the bend into the open.
     for (road, first, count) in [("lake", 600, 450), ("jungle", 1150, 200), ("mountain", 800, 120)] {
         let dir = rows(&folder.join(road), first, count);
         let driven = Driven::find(dir.path(), &Roads::default(), || {}).unwrap();

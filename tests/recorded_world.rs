@@ -221,6 +221,9 @@ fn the_real_lake_is_driven_clockwise_where_it_was_recorded_clockwise() {
     let result: serde_json::Value = serde_json::from_str(&out).unwrap();
     println!("{result:#}");
     assert!(result["seen"]["recorded"].as_u64().unwrap() > 200, "{result}");
+    // A good driver is good in it, too.
+    assert_eq!((&result["collisions"], &result["off_roads"]), (&0.into(), &0.into()), "{result}");
+    assert!(result["p95_cte_m"].as_f64().unwrap() < 1.0, "{result}");
 }
 
 /// Joins a drive in the jungle, some pictures of which have no side cameras, to one on the lake; returns the table of

@@ -27,6 +27,7 @@ use lapwing_sim::braking::{DataError, EPISODES_NAME, Episode, Picture as Shown, 
 const COLUMNS: [&str; 6] = ["name", "part", "scenario", "kind", "layer", "reaction_s"];
 /// One of those that may.
 const FRAMES: &str = "frames";
+const TRACK: &str = "track";
 
 /// No episode is driven faster than this, in mph.
 const FASTEST_MPH: f64 = 60.0;
@@ -52,6 +53,8 @@ pub struct Story {
     pub layer: String,
     /// From noticing to the foot, in seconds.
     pub reaction_s: f64,
+    /// Its road, if the table tells.
+    pub track: Option<String>,
     /// How many frames its run has, if the table tells.
     pub frames: Option<usize>,
 }
@@ -210,11 +213,13 @@ fn help(path: &Path, source: &io::Error) -> String {
     }
 }
 
-/// SHA-256 of the table of a data set's folder.
+/// SHA-256 of the rows of a data set's table that a training reads: the held-out episodes may come and go.
 pub(super) fn digest(folder: &Path) -> Result<String, BrakingDataError> {
     let path = folder.join(EPISODES_NAME);
-    let bytes = fs::read(&path).map_err(|source| BrakingDataError::Table { path, source })?;
-    Ok(sha256(&bytes))
+    let text = fs::read_to_string(&path).map_err(|source| BrakingDataError::Table { path, source })?;
+    let rows = text.lines().filter(|line| !line.trim().is_empty()).skip(1);
+    let read = stories(folder)?.into_iter().zip(rows).filter(|(story, _)| story.part != Part::HeldOut);
+    Ok(sha256(read.map(|(_, row)| row).collect::<Vec<_>>().join("\n").as_bytes()))
 }
 
 /// Reads the table of a data set's folder.
@@ -228,7 +233,7 @@ pub fn stories(folder: &Path) -> Result<Vec<Story>, BrakingDataError> {
     let heading = lines.next().map_or("", |(_, line)| line);
     let names: Vec<&str> = heading.split(',').map(str::trim).collect();
     let column = |name: &str| names.iter().position(|n| *n == name);
-    let frames = column(FRAMES);
+    let [frames, track] = [FRAMES, TRACK].map(column);
     let found: Option<Vec<usize>> = COLUMNS.iter().map(|name| column(name)).collect();
     let found = found.ok_or_else(|| BrakingDataError::Heading { path: path.clone(), got: heading.to_owned() })?;
     let story = |(i, line): (usize, &str)| {
@@ -260,6 +265,7 @@ pub fn stories(folder: &Path) -> Result<Vec<Story>, BrakingDataError> {
             },
             layer: field(4).to_owned(),
             reaction_s: reaction_s.ok_or_else(|| wrong(5, "seconds, 0 to 10"))?,
+            track: track.map(|column| at(column).to_owned()),
             frames: frames.map(count).transpose()?,
         })
     };
@@ -554,6 +560,7 @@ pub(super) mod tests {
             hazard: false,
             layer: String::new(),
             reaction_s: 1.0,
+            track: None,
             frames: None,
         };
         Drive::open(&shipped_runs(), story, &BrakingArchitecture::Live.preprocess()).unwrap()
@@ -573,7 +580,7 @@ pub(super) mod tests {
         )
         .unwrap();
         assert_eq!((stories[0].part, stories[0].hazard, stories[0].reaction_s), (Part::Train, true, 0.9));
-        assert_eq!(stories[0].frames, Some(300));
+        assert_eq!((stories[0].frames, stories[0].track.as_deref()), (Some(300), Some("lake")));
         assert_eq!((stories[1].part, stories[1].hazard, stories[1].layer.as_str()), (Part::HeldOut, false, "night"));
     }
 
@@ -593,6 +600,21 @@ pub(super) mod tests {
         }
         let error = read("frames,name,part,scenario,kind,layer,reaction_s\nall,a,train,x,hazard,plain,1").unwrap_err();
         assert!(error.contains("line 2: frames: expected a whole number, got \"all\""), "{error}");
+    }
+
+    #[test]
+    fn episodes_to_judge_by_may_be_added_to_a_data_set_that_is_learnt_from() {
+        let dir = tempfile::tempdir().unwrap();
+        let of = |rows: &[&str]| {
+            let table = format!("name,part,scenario,kind,layer,reaction_s\n{}\n", rows.join("\n"));
+            fs::write(dir.path().join(EPISODES_NAME), table).unwrap();
+            digest(dir.path()).unwrap()
+        };
+        let [train, validation] = ["a,train,ccrs,hazard,plain,1", "c,validation,ccrs,hazard,plain,1"];
+        let alone = of(&[train, validation]);
+        assert_eq!(of(&[train, "b,held-out,ccrs,hazard,plain,1", validation]), alone);
+        assert_ne!(of(&[train]), alone);
+        assert_ne!(of(&[train, validation, "d,train,lap,negative,plain,1"]), alone);
     }
 
     #[test]

@@ -4,7 +4,11 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::{BrakingModel, BrakingTrainError, SpeedFailure, episodes, episodes::Drive, windows::FAILURES};
+use super::{
+    BrakingModel, BrakingTrainError, SpeedFailure, episodes,
+    episodes::{Drive, Story},
+    windows::FAILURES,
+};
 use lapwing_core::{guard::GuardModel, words::count};
 use lapwing_score::{
     drawing::chart::{Axis, Chart, Marks, Series},
@@ -14,7 +18,7 @@ use lapwing_score::{
     },
     score::aligned,
 };
-use lapwing_sim::braking::Case;
+use lapwing_sim::{braking::Case, track::Track};
 
 /// What a network should reach on episodes that it did not learn from, by the paper's counting: the project's own targets,
 /// above the paper's pooled recall of 0.872 and precision of 0.704.
@@ -22,8 +26,10 @@ const LEAST_RECALL: f64 = 0.95;
 const LEAST_PRECISION: f64 = 0.90;
 /// How much lower the F1 may be where speeds fail.
 const MOST_LOST: f64 = 0.05;
-/// A guard must brake less often than this an hour of laps.
+/// A guard must brake in vain less often than this an hour of laps on the three tracks.
 const FALSE_ALARMS_PER_H: f64 = 1.0;
+/// What the row of these laps is called.
+const ON_KNOWN: &str = "lap: all three";
 
 /// A row of the table.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -61,6 +67,8 @@ pub struct BrakingReport {
     pub speed_failed: Vec<Row>,
     /// On those of each situation.
     pub scenarios: Vec<Row>,
+    /// On laps of each of the three tracks, of all three together, and of other roads.
+    pub laps: Vec<Row>,
     /// On those of each layer of robustness.
     pub layers: Vec<Row>,
     /// On hazards whose driver was quick, or slow: the paper's labels begin with the foot.
@@ -109,37 +117,16 @@ impl BrakingReport {
         let (scenarios, layers) = (by(&|drive| &drive.story.scenario), by(&|drive| &drive.story.layer));
         let mut reactions = by(&|drive| if drive.story.hazard { reaction(drive.story.reaction_s) } else { "" });
         reactions.retain(|row| !row.name.is_empty());
-        let least = |name: &str, wanted: f64, got: Option<f64>| Target {
-            name: name.to_owned(),
-            wanted,
-            got,
-            reached: got.is_some_and(|got| got >= wanted),
-        };
-        let mut targets = vec![
-            least("recall", LEAST_RECALL, all.recall.value),
-            least("precision", LEAST_PRECISION, all.precision.value),
-        ];
-        targets.extend(speed_failed.iter().map(|row| {
-            // A network that finds nothing has no F1 to lose, so no loss is told.
-            let with = all.f1.value.filter(|f1| *f1 > 0.0);
-            let got = with.zip(row.evaluation.f1.value).map(|(with, without)| with - without);
-            let reached = got.is_some_and(|lost| lost <= MOST_LOST);
-            Target { name: format!("F1 lost, {}", row.name), wanted: MOST_LOST, got, reached }
-        }));
-        let got = laps(&scenarios).and_then(|laps| laps.false_alarms_per_h.value);
-        let reached = got.is_some_and(|got| got < FALSE_ALARMS_PER_H);
-        targets.push(Target {
-            name: "activations an hour of laps, below".into(),
-            wanted: FALSE_ALARMS_PER_H,
-            got,
-            reached,
-        });
+        let mut laps: Vec<Row> = [lap_on, lap_on_known].iter().flat_map(|on| by(&|drive| on(&drive.story))).collect();
+        laps.retain(|row| !row.name.is_empty());
+        let targets = targets(&all, &speed_failed, &laps);
         Ok(Self {
             model: GuardModel::name(model).to_owned(),
             sha256: GuardModel::sha256(model).unwrap_or_default().to_owned(),
             all,
             speed_failed,
             scenarios,
+            laps,
             layers,
             reactions,
             targets,
@@ -174,9 +161,51 @@ fn reaction(reaction_s: f64) -> &'static str {
     }
 }
 
-/// What was found on ordinary laps, if there are any.
-fn laps(scenarios: &[Row]) -> Option<&Evaluation> {
-    scenarios.iter().find(|row| row.name == Case::Lap.name()).map(|row| &row.evaluation)
+/// On which road an ordinary lap is; empty of what is none.
+fn lap_on(story: &Story) -> &'static str {
+    match (story.scenario == Case::Lap.name(), story.track.as_deref()) {
+        (true, Some("lake")) => "lap: lake",
+        (true, Some("jungle")) => "lap: jungle",
+        (true, Some("mountain")) => "lap: mountain",
+        (true, _) => "lap: other roads",
+        (false, _) => "",
+    }
+}
+
+/// Likewise, the three tracks together.
+fn lap_on_known(story: &Story) -> &'static str {
+    let is_known = story.track.as_deref().is_some_and(|track| Track::NAMES.contains(&track));
+    if is_known && !lap_on(story).is_empty() { ON_KNOWN } else { "" }
+}
+
+/// What was found under a name, if there is such a row.
+fn found<'a>(rows: &'a [Row], name: &str) -> Option<&'a Evaluation> {
+    rows.iter().find(|row| row.name == name).map(|row| &row.evaluation)
+}
+
+/// What should be reached, and what was.
+fn targets(all: &Evaluation, speed_failed: &[Row], laps: &[Row]) -> Vec<Target> {
+    let least = |name: &str, wanted: f64, got: Option<f64>| Target {
+        name: name.to_owned(),
+        wanted,
+        got,
+        reached: got.is_some_and(|got| got >= wanted),
+    };
+    let lost = speed_failed.iter().map(|row| {
+        // A network that finds nothing has no F1 to lose, so no loss is told.
+        let with = all.f1.value.filter(|f1| *f1 > 0.0);
+        let got = with.zip(row.evaluation.f1.value).map(|(with, without)| with - without);
+        let reached = got.is_some_and(|lost| lost <= MOST_LOST);
+        Target { name: format!("F1 lost, {}", row.name), wanted: MOST_LOST, got, reached }
+    });
+    let got = found(laps, ON_KNOWN).and_then(|laps| laps.false_alarms_per_h.value);
+    let reached = got.is_some_and(|got| got < FALSE_ALARMS_PER_H);
+    let name = "wrong activations an hour of laps on lake, jungle and mountain, below".to_owned();
+    let mut all =
+        vec![least("recall", LEAST_RECALL, all.recall.value), least("precision", LEAST_PRECISION, all.precision.value)];
+    all.extend(lost);
+    all.push(Target { name, wanted: FALSE_ALARMS_PER_H, got, reached });
+    all
 }
 
 const HEADINGS: [&str; 10] = [
@@ -219,7 +248,7 @@ impl fmt::Display for BrakingReport {
         let (episodes, hours, threshold) = (count(all.episodes, "episode"), all.hours, all.threshold);
         writeln!(f, "{model}: {episodes}, {hours:.2} h, threshold {threshold:.3}")?;
         let mut rows = vec![HEADINGS.map(str::to_owned).to_vec(), row("all", all)];
-        for of in [&self.speed_failed, &self.scenarios, &self.layers, &self.reactions] {
+        for of in [&self.speed_failed, &self.scenarios, &self.laps, &self.layers, &self.reactions] {
             rows.extend(of.iter().map(|Row { name, evaluation }| row(name, evaluation)));
         }
         writeln!(f, "{}", aligned(&rows, 1))?;
@@ -236,8 +265,12 @@ impl fmt::Display for BrakingReport {
             (value, _) => rounded(value, 2),
         };
         write!(f, "activations: F1 {}, {} wrong ones an hour", rounded(all.event_f1.value, 3), alarms(all))?;
-        if let Some(laps) = laps(&self.scenarios) {
-            write!(f, ", {} an hour of laps ({:.2} h)", alarms(laps), laps.hours)?;
+        for (name, laps) in [
+            ("laps", found(&self.scenarios, Case::Lap.name())),
+            ("laps on lake, jungle and mountain", found(&self.laps, ON_KNOWN)),
+        ] {
+            let Some(laps) = laps else { continue };
+            write!(f, ", {} an hour of {name} ({:.2} h)", alarms(laps), laps.hours)?;
         }
         writeln!(f)?;
         for (name, lead) in [("the driver's foot", all.before_pedal), ("an impact of the driver's", all.before_impact)]
@@ -249,5 +282,64 @@ impl fmt::Display for BrakingReport {
             format!("  {name}: {} of {wanted:.2}, {}", rounded(*got, 3), if *reached { "reached" } else { "missed" })
         });
         write!(f, "targets\n{}", told.collect::<Vec<_>>().join("\n"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use lapwing_core::control::BrakeLimits;
+
+    use super::*;
+
+    fn evaluation(change: impl FnOnce(&mut Evaluation)) -> Evaluation {
+        let mut of = Evaluation::of(&[], BrakeLimits { fires: 0.5, releases: 0.25 }, CountingRule::default(), 0);
+        change(&mut of);
+        of
+    }
+
+    fn rate(value: f64) -> Rate {
+        Rate { value: Some(value), interval: None }
+    }
+
+    fn reached(all: &Evaluation, without: Option<f64>, alarms: Option<f64>) -> Vec<bool> {
+        let speed = evaluation(|of| of.f1.value = without);
+        let speed = [Row { name: "no speed".into(), evaluation: speed }];
+        let laps = alarms.map(|alarms| Row {
+            name: ON_KNOWN.into(),
+            evaluation: evaluation(|of| of.false_alarms_per_h = rate(alarms)),
+        });
+        targets(all, &speed, laps.as_slice()).iter().map(|target| target.reached).collect()
+    }
+
+    #[test]
+    fn targets_are_reached_at_their_bounds_and_missed_beyond_and_where_nothing_is_known() {
+        let good = evaluation(|of| (of.recall, of.precision, of.f1) = (rate(0.95), rate(0.90), rate(0.92)));
+        assert_eq!(reached(&good, Some(0.871), Some(0.99)), [true; 4]);
+        assert_eq!(reached(&good, Some(0.869), Some(1.0)), [true, true, false, false]);
+        assert_eq!(reached(&good, None, None), [true, true, false, false]);
+        let bad = evaluation(|of| (of.recall, of.precision, of.f1) = (rate(0.949), rate(0.899), rate(0.0)));
+        assert_eq!(reached(&bad, Some(0.0), Some(0.0)), [false, false, false, true]);
+    }
+
+    #[test]
+    fn laps_of_the_three_tracks_are_told_apart_from_those_of_other_roads() {
+        let story = |scenario: &str, track: Option<&str>| Story {
+            name: "x".into(),
+            part: lapwing_sim::braking::Part::HeldOut,
+            scenario: scenario.into(),
+            hazard: false,
+            layer: "plain".into(),
+            reaction_s: 1.0,
+            track: track.map(str::to_owned),
+            frames: None,
+        };
+        for track in Track::NAMES {
+            let lap = story("lap", Some(track));
+            assert_eq!((lap_on(&lap), lap_on_known(&lap)), (&*format!("lap: {track}"), ON_KNOWN));
+        }
+        let other = story("lap", Some("random:9"));
+        assert_eq!((lap_on(&other), lap_on_known(&other)), ("lap: other roads", ""));
+        let parked = story("parked", Some("lake"));
+        assert_eq!((lap_on(&parked), lap_on_known(&parked)), ("", ""));
     }
 }

@@ -140,6 +140,7 @@ mod tests {
             hazard: false,
             layer: String::new(),
             reaction_s: 1.0,
+            track: None,
             frames: None,
         };
         let speeds: Vec<f32> = (0..frames).map(|i| (i % 40) as f32).collect();

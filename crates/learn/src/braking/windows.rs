@@ -330,6 +330,7 @@ pub(super) mod tests {
             hazard: true,
             layer: "plain".into(),
             reaction_s: 1.0,
+            track: None,
             frames: None,
         };
         let speed = |i: i32| if i < 150 { 30.0 } else { (30.0 - 1.5 * (i - 150) as f32).max(0.0) };

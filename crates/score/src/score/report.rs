@@ -32,6 +32,8 @@ const COMPARED: [Figure; 10] = [
     Figure::MeanMph,
     Figure::SteeringRate,
 ];
+/// And beside them, if one of the runs went along a recording: a car that is put back late needs few interventions.
+const ALONG: [Figure; 3] = [Figure::Interventions, Figure::Beyond1m, Figure::Beyond2m];
 
 /// A run, judged.
 #[derive(Debug)]
@@ -180,8 +182,10 @@ impl<'a> Report<'a> {
         let differs = |(_, of): &Told<'a>| self.runs.windows(2).any(|runs| of(&runs[0]) != of(&runs[1]));
         told.extend(differing.into_iter().filter(differs));
         let mut rows: Vec<Vec<String>> = vec![];
+        let is_along = self.runs.iter().any(|run| matches!(run.card.get(Figure::FromLane), Measure::Told(_)));
+        let figures: Vec<Figure> = COMPARED.into_iter().chain(ALONG.into_iter().filter(|_| is_along)).collect();
         let names = told.iter().map(|(name, _)| *name);
-        rows.push(names.chain(COMPARED.map(Figure::label)).map(str::to_owned).collect());
+        rows.push(names.chain(figures.iter().map(|figure| figure.label())).map(str::to_owned).collect());
         for run in &self.runs {
             let cell = |figure: Figure| match run.card.get(figure) {
                 Measure::Told(value) => figure.unit().show(value),
@@ -191,7 +195,7 @@ impl<'a> Report<'a> {
             let damaged = if run.card.damaged { " (damaged)" } else { "" };
             let mut words: Vec<_> = told.iter().map(|(_, of)| of(run).to_owned()).collect();
             words[0] += damaged;
-            rows.push(words.into_iter().chain(COMPARED.map(cell)).collect());
+            rows.push(words.into_iter().chain(figures.iter().map(|figure| cell(*figure))).collect());
         }
         let mean = |figure: Figure| {
             let Some(spread) = self.summary.get(figure.key()) else { return "-".to_owned() };
@@ -205,7 +209,7 @@ impl<'a> Report<'a> {
         let mut words = vec![String::new(); told.len()];
         if !self.runs.is_empty() {
             words[0] = format!("mean of {}", self.runs.len());
-            rows.push(words.into_iter().chain(COMPARED.map(mean)).collect());
+            rows.push(words.into_iter().chain(figures.iter().map(|figure| mean(*figure))).collect());
         }
         (rows, told.len())
     }

@@ -21,7 +21,7 @@
 //!
 //! Both cars are the simulator's own ([`Car`](crate::vehicle::Car): a bicycle on slipping tyres, calibrated on real
 //! recordings), so a pilot that steers as recorded stays on the recorded path unless the pictures say otherwise. The
-//! real builds' cars turn a little further; a located recording tells how much ([`RecordedWorld::geared`]).
+//! real builds' cars turn a little more or less; a located recording tells how much ([`RecordedWorld::geared`]).
 //!
 //! What can be judged: interventions, and autonomy calculated from them; offsets from the line, including those at which
 //! the car was put back; the steering. The speed is the recording's, and there are no laps and no obstacles: the

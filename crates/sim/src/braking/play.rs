@@ -16,7 +16,7 @@ use lapwing_core::{
 };
 
 /// What a drive came to.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Played {
     /// Telemetries.
     pub frames: u64,

@@ -451,6 +451,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_hazard_is_of_use_if_the_foot_is_down_in_time_and_a_negative_if_nothing_happens() {
+        let of_use = |kind, pressed_s: Option<f64>, hit_s: Option<f64>| {
+            is_of_use(kind, &Played { pressed_s, hit_s, ..Played::default() })
+        };
+        assert!(of_use(Kind::Hazard, Some(5.0), None) && of_use(Kind::Hazard, Some(5.0), Some(5.46)));
+        assert!(!of_use(Kind::Hazard, Some(5.0), Some(5.44)) && !of_use(Kind::Hazard, None, None));
+        assert!(of_use(Kind::Negative, None, None));
+        assert!(!of_use(Kind::Negative, Some(5.0), None) && !of_use(Kind::Negative, None, Some(5.0)));
+    }
+
+    #[test]
     fn what_a_killed_recording_left_half_written_is_known_by_its_name() {
         for ours in ["0007-held-out-cpla-low-sun.mcap.a8Xk2P.partial", "12345-train-lap-rain.mcap.0.partial"] {
             assert!(is_partial(ours), "{ours}");

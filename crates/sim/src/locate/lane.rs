@@ -123,6 +123,8 @@ mod tests {
         assert!((there.offset_m - 0.2).abs() < 1e-9 && (back.offset_m - 0.2).abs() < 1e-9, "{there:?} {back:?}");
         assert!((there.heading_rad - 0.1).abs() < 1e-9 && (back.heading_rad - 0.1).abs() < 1e-9, "{there:?} {back:?}");
         assert_eq!(there.curvature, -back.curvature);
+        // The road is 9.3 m wide: all of the other lane is to the left.
+        assert!((there.edges_m.0 + 6.98).abs() < 0.01 && (there.edges_m.1 - 2.32).abs() < 0.01, "{there:?}");
         assert_eq!(there.edges_m, back.edges_m);
         for lane in [there, back] {
             let again = Pose::from_lane(&track, 100.0, lane == back, lane.offset_m, lane.heading_rad).in_lane(&track);

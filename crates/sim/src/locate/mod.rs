@@ -14,7 +14,7 @@
 //! later pictures speak about earlier places (Särkkä, Bayesian Filtering and Smoothing, 2013, chapters 5 and 8).
 //!
 //! How good that is on real pictures says docs/how-to/locate.md: side cameras, each located by itself, are held against where
-//! they sit on the car (`lapwing locate DIR --sides`; `tests/locate.rs` looks at half a lap of the lake). The place along the
+//! they sit on the car (`lapwing locate DIR --sides`; `tests/locate.rs` looks at pieces of all three roads). The place along the
 //! road is known only to some metres: a picture of a straight road does not tell it.
 //!
 //! Only the road's own edges count: its lines, kerbs and verges, and the walls of a bridge. What grows and stands beside

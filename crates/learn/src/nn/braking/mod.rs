@@ -260,6 +260,18 @@ mod tests {
     }
 
     #[test]
+    fn the_papers_network_drops_half_of_what_its_convolutions_see_while_it_learns_and_nothing_after() {
+        let (network, _store) = network(BrakingArchitecture::Stacked);
+        let (frames, speeds) = frames(20, BrakingArchitecture::Stacked);
+        let answer = |train: bool| {
+            let answer = network.forward(&frames, &speeds, train).unwrap();
+            answer.due.double_value(&[0, 0])
+        };
+        assert_eq!(answer(false), answer(false));
+        assert_ne!(answer(true), answer(true));
+    }
+
+    #[test]
     fn frame_by_frame_the_answer_is_that_to_the_whole_window() {
         for architecture in BrakingArchitecture::ALL {
             let (network, _store) = network(architecture);

@@ -93,6 +93,8 @@ pub struct HazardRow {
     /// Mean speed reduction with the guard, mph.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reduction_mph: Option<f64>,
+    /// The same without: the pilot brakes for nothing, but slows down for bends.
+    pub reduction_without_mph: f64,
 }
 
 /// A row of harmless drives.
@@ -245,11 +247,12 @@ impl HazardRow {
             impact_without_mph: mean(drives.iter().filter_map(|drive| drive.without.impact_mph)),
             impact_with_mph: mean(with.iter().filter_map(|outcome| outcome.impact_mph)),
             reduction_mph: mean(with.iter().map(|outcome| outcome.reduction_mph)),
+            reduction_without_mph: mean(drives.iter().map(|drive| drive.without.reduction_mph)).unwrap_or(0.0),
         }
     }
 
     /// Its cells, in words; a dash where there is nothing.
-    fn cells(&self) -> [String; 9] {
+    fn cells(&self) -> [String; 10] {
         let number = |value: Option<f64>| value.map_or("–".into(), |value| format!("{value:.1}"));
         let count = |value: Option<usize>| value.map_or("–".into(), |value| value.to_string());
         let share = self
@@ -265,6 +268,7 @@ impl HazardRow {
             share.unwrap_or("–".into()),
             number(self.impact_without_mph),
             number(self.impact_with_mph),
+            number(Some(self.reduction_without_mph)),
             number(self.reduction_mph),
         ]
     }
@@ -297,8 +301,18 @@ impl HarmlessRow {
     }
 }
 
-const HAZARD_HEADS: [&str; 9] =
-    ["mph", "drives", "hit without", "hit with", "avoidable", "avoided", "impact without", "impact with", "reduction"];
+const HAZARD_HEADS: [&str; 10] = [
+    "mph",
+    "drives",
+    "hit without",
+    "hit with",
+    "avoidable",
+    "avoided",
+    "impact without",
+    "impact with",
+    "slower without",
+    "slower with",
+];
 const HARMLESS_HEADS: [&str; 4] = ["drives", "hours", "activations", "hardest"];
 
 impl fmt::Display for TrialResult {
@@ -376,7 +390,7 @@ mod tests {
         assert_eq!((slow.drives, slow.hit_without, slow.avoidable), (3, 3, 2));
         assert_eq!((slow.hit_with, slow.avoided), (Some(1), Some(1)));
         assert_eq!((slow.impact_with_mph, slow.impact_without_mph), (Some(6.0), Some(20.0)));
-        assert_eq!((fast.avoided, fast.reduction_mph), (Some(0), Some(12.0)));
+        assert_eq!((fast.avoided, fast.reduction_mph, fast.reduction_without_mph), (Some(0), Some(12.0), 0.0));
         let [all] = &result.by_hazard[..] else { panic!("{result:?}") };
         assert_eq!((all.drives, all.avoidable, all.avoided), (4, 3, Some(1)));
         let [harmless] = &result.harmless[..] else { panic!("{result:?}") };
