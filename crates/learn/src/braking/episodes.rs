@@ -213,12 +213,9 @@ fn help(path: &Path, source: &io::Error) -> String {
     }
 }
 
-/// SHA-256 of the rows of a data set's table that a training reads: the held-out episodes may come and go.
+/// SHA-256 of the rows of a data set's table that a training reads: held-out episodes may be added and removed.
 pub(super) fn digest(folder: &Path) -> Result<String, BrakingDataError> {
-    let path = folder.join(EPISODES_NAME);
-    let text = fs::read_to_string(&path).map_err(|source| BrakingDataError::Table { path, source })?;
-    let rows = text.lines().filter(|line| !line.trim().is_empty()).skip(1);
-    let read = stories(folder)?.into_iter().zip(rows).filter(|(story, _)| story.part != Part::HeldOut);
+    let read = rows(folder)?.into_iter().filter(|(story, _)| story.part != Part::HeldOut);
     Ok(sha256(read.map(|(_, row)| row).collect::<Vec<_>>().join("\n").as_bytes()))
 }
 
@@ -227,6 +224,11 @@ pub(super) fn digest(folder: &Path) -> Result<String, BrakingDataError> {
 /// # Errors
 /// [`BrakingDataError::Table`], [`BrakingDataError::Heading`], [`BrakingDataError::Field`].
 pub fn stories(folder: &Path) -> Result<Vec<Story>, BrakingDataError> {
+    Ok(rows(folder)?.into_iter().map(|(story, _)| story).collect())
+}
+
+/// The same, each with its row as it stands in the table.
+fn rows(folder: &Path) -> Result<Vec<(Story, String)>, BrakingDataError> {
     let path = folder.join(EPISODES_NAME);
     let text = fs::read_to_string(&path).map_err(|source| BrakingDataError::Table { path: path.clone(), source })?;
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
@@ -254,7 +256,7 @@ pub fn stories(folder: &Path) -> Result<Vec<Story>, BrakingDataError> {
         }
         let reaction_s = field(5).parse::<f64>().ok().filter(|s| (0.0..=10.0).contains(s));
         let count = |column| at(column).parse::<usize>().map_err(|_| no(FRAMES, "a whole number", at(column)));
-        Ok(Story {
+        let story = Story {
             name: name.to_owned(),
             part: Part::named(field(1)).ok_or_else(|| wrong(1, "train, validation or held-out"))?,
             scenario: field(2).to_owned(),
@@ -267,7 +269,8 @@ pub fn stories(folder: &Path) -> Result<Vec<Story>, BrakingDataError> {
             reaction_s: reaction_s.ok_or_else(|| wrong(5, "seconds, 0 to 10"))?,
             track: track.map(|column| at(column).to_owned()),
             frames: frames.map(count).transpose()?,
-        })
+        };
+        Ok((story, line.to_owned()))
     };
     lines.map(story).collect()
 }

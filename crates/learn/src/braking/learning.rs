@@ -183,7 +183,7 @@ impl<'a> Learning<'a> {
                 steps: 0,
                 rate: recipe.learning_rate,
                 since_best: 0,
-                episodes: None,
+                episodes_read: None,
             },
             network,
             mean,
@@ -319,7 +319,7 @@ impl<'a> Learning<'a> {
         if (BrakingRecipe { epochs, ..position.recipe.clone() }) != *self.recipe {
             return Err(BrakingTrainError::OtherRecipe { path: path.to_owned() });
         }
-        let [own, its] = [&self.position.episodes, &position.episodes];
+        let [own, its] = [&self.position.episodes_read, &position.episodes_read];
         let mut is_other = own.is_some() && its.is_some() && own != its;
         for (name, losses) in LOSSES.into_iter().zip(&self.draw.losses) {
             is_other |= stored.shape(name)?.is_some_and(|shape| shape != [losses.len()]);
@@ -337,8 +337,8 @@ impl<'a> Learning<'a> {
             }
         }
         self.stepper.steps = stored.position.steps;
-        let episodes = self.position.episodes.take();
-        self.position = Position { episodes, ..stored.position };
+        let episodes = self.position.episodes_read.take();
+        self.position = Position { episodes_read: episodes, ..stored.position };
         Ok(())
     }
 }
@@ -436,11 +436,11 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let state = dir.path().join("brake.state.safetensors");
         let mut before = begun(&recipe, &drives);
-        before.position.episodes = Some("00ff".into());
+        before.position.episodes_read = Some("00ff".into());
         before.save(&state).unwrap();
         let resumed = |recipe: &BrakingRecipe, drives: &[Drive], episodes: Option<&str>| {
             let mut learning = begun(recipe, drives);
-            learning.position.episodes = episodes.map(str::to_owned);
+            learning.position.episodes_read = episodes.map(str::to_owned);
             learning.resume(&state, Path::new("data/episodes.csv")).map_err(|error| error.to_string())
         };
         let other = BrakingRecipe { batch: 4, ..recipe.clone() };

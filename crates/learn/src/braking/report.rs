@@ -103,22 +103,21 @@ impl BrakingReport {
                 if share < 1.0 { format!("{:.0} % of speeds unknown", 100.0 * share) } else { "no speed".into() };
             speed_failed.push(Row { name, evaluation: judge(&failed) });
         }
-        let by = |of: &dyn Fn(&Drive) -> &str| -> Vec<Row> {
-            let mut names: Vec<&str> = drives.iter().map(of).collect();
+        let by = |of: &dyn Fn(&Drive) -> String| -> Vec<Row> {
+            let mut names: Vec<String> = drives.iter().map(of).collect();
             names.sort_unstable();
             names.dedup();
-            let row = |name: &str| {
+            let row = |name: String| {
                 let those = drives.iter().zip(&whole).filter(|(drive, _)| of(drive) == name);
                 let those: Vec<Episode> = those.map(|(_, episode)| episode.clone()).collect();
-                Row { name: name.to_owned(), evaluation: judge(&those) }
+                Row { name, evaluation: judge(&those) }
             };
-            names.into_iter().map(row).collect()
+            names.into_iter().filter(|name| !name.is_empty()).map(row).collect()
         };
-        let (scenarios, layers) = (by(&|drive| &drive.story.scenario), by(&|drive| &drive.story.layer));
-        let mut reactions = by(&|drive| if drive.story.hazard { reaction(drive.story.reaction_s) } else { "" });
-        reactions.retain(|row| !row.name.is_empty());
-        let mut laps: Vec<Row> = [lap_on, lap_on_known].iter().flat_map(|on| by(&|drive| on(&drive.story))).collect();
-        laps.retain(|row| !row.name.is_empty());
+        let (scenarios, layers) = (by(&|drive| drive.story.scenario.clone()), by(&|drive| drive.story.layer.clone()));
+        let quickness = |story: &Story| if story.hazard { reaction(story.reaction_s) } else { "" };
+        let reactions = by(&|drive| quickness(&drive.story).to_owned());
+        let laps: Vec<Row> = [lap_on, lap_on_known].iter().flat_map(|on| by(&|drive| on(&drive.story))).collect();
         let targets = targets(&all, &speed_failed, &laps);
         Ok(Self {
             model: GuardModel::name(model).to_owned(),
@@ -161,21 +160,20 @@ fn reaction(reaction_s: f64) -> &'static str {
     }
 }
 
-/// On which road an ordinary lap is; empty of what is none.
-fn lap_on(story: &Story) -> &'static str {
+/// The name of the row that counts an ordinary lap by its road; empty if the episode is no lap.
+fn lap_on(story: &Story) -> String {
     match (story.scenario == Case::Lap.name(), story.track.as_deref()) {
-        (true, Some("lake")) => "lap: lake",
-        (true, Some("jungle")) => "lap: jungle",
-        (true, Some("mountain")) => "lap: mountain",
-        (true, _) => "lap: other roads",
-        (false, _) => "",
+        (false, _) => String::new(),
+        (true, Some(track)) if Track::NAMES.contains(&track) => format!("lap: {track}"),
+        (true, Some(_)) => "lap: other roads".into(),
+        (true, None) => "lap: unknown road".into(),
     }
 }
 
-/// Likewise, the three tracks together.
-fn lap_on_known(story: &Story) -> &'static str {
+/// The name of the row for the laps of the three tracks together; empty for all else.
+fn lap_on_known(story: &Story) -> String {
     let is_known = story.track.as_deref().is_some_and(|track| Track::NAMES.contains(&track));
-    if is_known && !lap_on(story).is_empty() { ON_KNOWN } else { "" }
+    if is_known && !lap_on(story).is_empty() { ON_KNOWN.into() } else { String::new() }
 }
 
 /// What was found under a name, if there is such a row.
@@ -312,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn targets_are_reached_at_their_bounds_and_missed_beyond_and_where_nothing_is_known() {
+    fn recall_and_precision_may_equal_their_targets_and_what_cannot_be_measured_misses_its_own() {
         let good = evaluation(|of| (of.recall, of.precision, of.f1) = (rate(0.95), rate(0.90), rate(0.92)));
         assert_eq!(reached(&good, Some(0.871), Some(0.99)), [true; 4]);
         assert_eq!(reached(&good, Some(0.869), Some(1.0)), [true, true, false, false]);
@@ -335,11 +333,15 @@ mod tests {
         };
         for track in Track::NAMES {
             let lap = story("lap", Some(track));
-            assert_eq!((lap_on(&lap), lap_on_known(&lap)), (&*format!("lap: {track}"), ON_KNOWN));
+            assert_eq!([lap_on(&lap), lap_on_known(&lap)], [format!("lap: {track}"), ON_KNOWN.into()]);
         }
-        let other = story("lap", Some("random:9"));
-        assert_eq!((lap_on(&other), lap_on_known(&other)), ("lap: other roads", ""));
-        let parked = story("parked", Some("lake"));
-        assert_eq!((lap_on(&parked), lap_on_known(&parked)), ("", ""));
+        for (scenario, track, name) in [
+            ("lap", Some("random:9"), "lap: other roads"),
+            ("lap", None, "lap: unknown road"),
+            ("parked", Some("lake"), ""),
+        ] {
+            let other = story(scenario, track);
+            assert_eq!([lap_on(&other), lap_on_known(&other)], [name, ""]);
+        }
     }
 }

@@ -33,9 +33,10 @@ pub(super) struct Position {
     pub rate: f64,
     /// Epochs since the best one.
     pub since_best: usize,
-    /// SHA-256 of the rows of the episodes' table that are not held out; none in a state of an earlier version, which did not store it.
+    /// SHA-256 of the rows of the episodes' table that are not held out; none in a state of an earlier
+    /// version, which did not store it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub episodes: Option<String>,
+    pub episodes_read: Option<String>,
 }
 
 /// The file beside a network that is being trained.

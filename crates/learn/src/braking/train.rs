@@ -219,7 +219,7 @@ pub fn train(
     let mut learning = Learning::new(recipe, &drives, from.as_ref())?;
     let counted = learning.draw.losses.each_ref().map(Vec::len);
     let measured = Measured::new(&held, recipe)?;
-    learning.position.episodes = Some(digest(data)?);
+    learning.position.episodes_read = Some(digest(data)?);
     if goes_on {
         learning.resume(&state, &data.join(EPISODES_NAME))?;
     } else if recipe.pretrained.is_some() {

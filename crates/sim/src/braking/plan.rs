@@ -88,7 +88,8 @@ pub fn tracks(part: Part) -> &'static [&'static str] {
 }
 
 /// Roads like the jungle for laps to learn from: beyond a crest the road is out of sight, and what stands beside the next bend stands
-/// straight ahead, though there is nothing to brake for. Their seeds are of no other road: it would bend alike.
+/// straight ahead, though there is nothing to brake for. No other road here has one
+/// of these seeds: `random:N` and `random-lanes:N` have the same bends.
 const CRESTS: &[&str] = &[
     "random-lanes:101",
     "random-lanes:102",
@@ -104,7 +105,7 @@ const CRESTS: &[&str] = &[
     "random-lanes:112",
 ];
 
-/// The road of a lap of a part: one of the three tracks, of which each part has its own piece, as often as one of its other roads,
+/// The road of a lap of a part: one of the three tracks, of which each part has its own piece, as often as one of [`tracks`],
 /// and to learn from as often as one with crests.
 fn lap_track(part: Part, drawn: f64) -> &'static str {
     let groups = [&Track::NAMES[..], tracks(part), CRESTS];
@@ -305,11 +306,9 @@ mod tests {
         }
         // Of one seed, `random` and `random-lanes` bend alike.
         let seed = |road: &'static str| road.split_once(':').map(|(_, seed)| seed);
-        let all = Part::ALL.into_iter().flat_map(tracks);
-        assert!(
-            all.into_iter()
-                .all(|road| seed(road).is_none_or(|own| CRESTS.iter().all(|crest| seed(crest) != Some(own))))
-        );
+        let is_own =
+            |road: &'static str| seed(road).is_none_or(|own| CRESTS.iter().all(|crest| seed(crest) != Some(own)));
+        assert!(Part::ALL.into_iter().flat_map(tracks).all(|road| is_own(road)));
         let elsewhere = |part| tracks(Part::Train).iter().all(|track| !tracks(part).contains(track));
         assert!(elsewhere(Part::Validation) && elsewhere(Part::HeldOut));
         assert_eq!(first.iter().filter(|episode| episode.case == Case::Lap).count(), 310 / LAP_EVERY);

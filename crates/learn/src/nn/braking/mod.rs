@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_network_drops_half_of_what_its_convolutions_see_while_it_learns_and_nothing_after() {
+    fn the_papers_network_drops_some_of_what_it_sees_while_it_learns_and_nothing_after() {
         let (network, _store) = network(BrakingArchitecture::Stacked);
         let (frames, speeds) = frames(20, BrakingArchitecture::Stacked);
         let answer = |train: bool| {

@@ -93,8 +93,9 @@ pub struct HazardRow {
     /// Mean speed reduction with the guard, mph.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reduction_mph: Option<f64>,
-    /// The same without: the pilot brakes for nothing, but slows down for bends.
-    pub reduction_without_mph: f64,
+    /// The same without the guard: the pilot does not brake for hazards, but slows down for bends.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reduction_without_mph: Option<f64>,
 }
 
 /// A row of harmless drives.
@@ -247,7 +248,7 @@ impl HazardRow {
             impact_without_mph: mean(drives.iter().filter_map(|drive| drive.without.impact_mph)),
             impact_with_mph: mean(with.iter().filter_map(|outcome| outcome.impact_mph)),
             reduction_mph: mean(with.iter().map(|outcome| outcome.reduction_mph)),
-            reduction_without_mph: mean(drives.iter().map(|drive| drive.without.reduction_mph)).unwrap_or(0.0),
+            reduction_without_mph: mean(drives.iter().map(|drive| drive.without.reduction_mph)),
         }
     }
 
@@ -268,7 +269,7 @@ impl HazardRow {
             share.unwrap_or("–".into()),
             number(self.impact_without_mph),
             number(self.impact_with_mph),
-            number(Some(self.reduction_without_mph)),
+            number(self.reduction_without_mph),
             number(self.reduction_mph),
         ]
     }
@@ -379,9 +380,9 @@ mod tests {
     fn what_is_avoided_is_counted_of_what_is_avoidable() {
         let drives = vec![
             drive(true, 20.0, Some(20.0), true, None),
-            drive(true, 20.0, Some(20.0), true, Some(6.0)),
+            drive(true, 20.0, Some(17.0), true, Some(6.0)),
             drive(true, 20.0, Some(20.0), false, None),
-            drive(true, 30.0, Some(30.0), true, Some(18.0)),
+            drive(true, 30.0, Some(28.0), true, Some(18.0)),
             drive(false, 30.0, None, false, None),
         ];
         let guard = TrialGuard { name: "brake-live".into(), threshold: 0.725, sha256: Some("00ff".into()) };
@@ -389,8 +390,9 @@ mod tests {
         let [slow, fast] = &result.hazards[..] else { panic!("{result:?}") };
         assert_eq!((slow.drives, slow.hit_without, slow.avoidable), (3, 3, 2));
         assert_eq!((slow.hit_with, slow.avoided), (Some(1), Some(1)));
-        assert_eq!((slow.impact_with_mph, slow.impact_without_mph), (Some(6.0), Some(20.0)));
-        assert_eq!((fast.avoided, fast.reduction_mph, fast.reduction_without_mph), (Some(0), Some(12.0), 0.0));
+        assert_eq!((slow.impact_with_mph, slow.impact_without_mph), (Some(6.0), Some(19.0)));
+        assert_eq!((fast.avoided, fast.reduction_mph), (Some(0), Some(12.0)));
+        assert_eq!((slow.reduction_without_mph, fast.reduction_without_mph), (Some(1.0), Some(2.0)));
         let [all] = &result.by_hazard[..] else { panic!("{result:?}") };
         assert_eq!((all.drives, all.avoidable, all.avoided), (4, 3, Some(1)));
         let [harmless] = &result.harmless[..] else { panic!("{result:?}") };

@@ -47,11 +47,14 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::score::{Scorecard, Scorer, missed};
+    use crate::score::{
+        Scorecard, Scorer, missed,
+        report::{JudgedRun, Report},
+    };
     use lapwing_core::{
         config::Thresholds,
         protocol::{Telemetry, Truth},
-        recording::{EventRecord, RunKind},
+        recording::{EventRecord, RunHeader, RunKind},
         turn::{LimitEdge, MeasuredLine},
         units::{Metres, Mph},
     };
@@ -111,6 +114,32 @@ mod tests {
         assert_eq!(card.notes, [NOTE]);
         let limits = Thresholds { max_collisions: Some(0), max_off_road: Some(9), ..Default::default() };
         assert_eq!(missed(&limits, &card).len(), 2);
+    }
+
+    #[test]
+    fn a_table_of_runs_has_interventions_and_large_offsets_if_one_went_along_a_recording() {
+        let run = |card: Scorecard| {
+            let header =
+                RunHeader::new(RunKind::Driven, serde_json::json!({}), "2026-11-26T12:00:00Z".parse().unwrap());
+            JudgedRun { path: "run.mcap".into(), header, card, checks: vec![] }
+        };
+        let cells = |runs: [JudgedRun; 2]| {
+            let runs: Vec<_> = runs.iter().collect();
+            Report::new(&runs, &[], None)
+                .rows()
+                .0
+                .into_iter()
+                .map(|row| row[row.len() - 3..].to_vec())
+                .collect::<Vec<_>>()
+        };
+        let driven = || Scorer::default().finish();
+        let told = cells([run(driven()), run(minute([1.1, -1.2, 2.3]))]);
+        assert_eq!(told[0], ["interventions", "beyond 1 m", "beyond 2 m"]);
+        assert_eq!(
+            (&told[1][1..], &told[2][..]),
+            (&["-".to_owned(), "-".to_owned()][..], &["3", "2.5 %", "0.8 %"].map(str::to_owned)[..])
+        );
+        assert!(!cells([run(driven()), run(driven())])[0].contains(&"beyond 1 m".to_owned()));
     }
 
     #[test]
