@@ -87,38 +87,11 @@ pub fn tracks(part: Part) -> &'static [&'static str] {
     }
 }
 
-/// Roads like the jungle for laps to learn from: beyond a crest the road is out of sight, and what stands beside the next bend stands
-/// straight ahead, though there is nothing to brake for. No other road here has one
-/// of these seeds: `random:N` and `random-lanes:N` have the same bends.
-const CRESTS: &[&str] = &[
-    "random-lanes:101",
-    "random-lanes:102",
-    "random-lanes:103",
-    "random-lanes:104",
-    "random-lanes:105",
-    "random-lanes:106",
-    "random-lanes:107",
-    "random-lanes:108",
-    "random-lanes:109",
-    "random-lanes:110",
-    "random-lanes:111",
-    "random-lanes:112",
-];
-
-/// The road of a lap of a part: one of the three tracks, of which each part has its own piece, as often as one of [`tracks`],
-/// and to learn from as often as one with crests.
+/// The roads of a lap of a part: the three tracks, of which each part has its own piece, as often as its other roads.
 fn lap_track(part: Part, drawn: f64) -> &'static str {
-    let groups = [&Track::NAMES[..], tracks(part), CRESTS];
-    let count = if part == Part::Train { groups.len() } else { 2 };
-    let (group, within) = share(drawn, count);
-    groups[group][share(within, groups[group].len()).0]
-}
-
-/// In which of so many equal shares of 0 to 1 a number lies, and where in it, from 0 to 1.
-fn share(drawn: f64, count: usize) -> (usize, f64) {
-    let scaled = drawn * count as f64;
-    let which = (scaled as usize).min(count - 1);
-    (which, scaled - which as f64)
+    let others = tracks(part);
+    let both = |i: f64, of: &[&'static str]| of[((i * of.len() as f64) as usize).min(of.len() - 1)];
+    if drawn < 0.5 { both(2.0 * drawn, &Track::NAMES) } else { both(2.0 * drawn - 1.0, others) }
 }
 
 /// An episode: a drive of its own.
@@ -204,7 +177,7 @@ pub fn episodes(seed: u64) -> impl Iterator<Item = Episode> {
         let (roads, road) = (tracks(part), rng.random::<f64>());
         let track = match case {
             Case::Lap => lap_track(part, road),
-            _ => roads[share(road, roads.len()).0],
+            _ => roads[((road * roads.len() as f64) as usize).min(roads.len() - 1)],
         };
         Episode {
             name: format!("{i:04}-{part}-{case}-{layer}"),
@@ -249,19 +222,6 @@ mod tests {
     }
 
     #[test]
-    fn a_third_of_the_laps_to_learn_from_is_on_roads_with_crests_and_no_other_lap() {
-        let (mut laps, mut on_crests) = ([0_u32; 2], [0_u32; 2]);
-        for episode in episodes(1).take(6000).filter(|episode| episode.case == Case::Lap) {
-            let of = usize::from(episode.part == Part::Train);
-            laps[of] += 1;
-            on_crests[of] += u32::from(CRESTS.contains(&&*episode.track));
-        }
-        assert_eq!(on_crests[0], 0);
-        let share = f64::from(on_crests[1]) / f64::from(laps[1]);
-        assert!((0.28..0.38).contains(&share), "{share}");
-    }
-
-    #[test]
     fn in_three_of_ten_hazards_to_learn_from_the_brake_fails_and_in_no_other_episode() {
         let (mut hazards, mut failing) = (0, 0);
         for episode in episodes(1).take(6000) {
@@ -298,17 +258,10 @@ mod tests {
         let names: BTreeSet<_> = first.iter().map(|episode| &episode.name).collect();
         assert_eq!(names.len(), first.len());
         for episode in &first {
-            let of_laps =
-                |track: &str| Track::NAMES.contains(&track) || episode.part == Part::Train && CRESTS.contains(&track);
-            let is_lap = episode.case == Case::Lap && of_laps(&episode.track);
+            let is_lap = episode.case == Case::Lap && Track::NAMES.contains(&&*episode.track);
             assert!(is_lap || tracks(episode.part).contains(&&*episode.track), "{episode:?}");
             assert!((10.0..=29.5).contains(&episode.speed_mph), "{episode:?}");
         }
-        // Of one seed, `random` and `random-lanes` bend alike.
-        let seed = |road: &'static str| road.split_once(':').map(|(_, seed)| seed);
-        let is_own =
-            |road: &'static str| seed(road).is_none_or(|own| CRESTS.iter().all(|crest| seed(crest) != Some(own)));
-        assert!(Part::ALL.into_iter().flat_map(tracks).all(|road| is_own(road)));
         let elsewhere = |part| tracks(Part::Train).iter().all(|track| !tracks(part).contains(track));
         assert!(elsewhere(Part::Validation) && elsewhere(Part::HeldOut));
         assert_eq!(first.iter().filter(|episode| episode.case == Case::Lap).count(), 310 / LAP_EVERY);
