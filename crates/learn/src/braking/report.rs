@@ -112,12 +112,14 @@ impl BrakingReport {
                 let those: Vec<Episode> = those.map(|(_, episode)| episode.clone()).collect();
                 Row { name, evaluation: judge(&those) }
             };
-            names.into_iter().filter(|name| !name.is_empty()).map(row).collect()
+            names.into_iter().map(row).collect()
         };
         let (scenarios, layers) = (by(&|drive| drive.story.scenario.clone()), by(&|drive| drive.story.layer.clone()));
         let quickness = |story: &Story| if story.hazard { reaction(story.reaction_s) } else { "" };
-        let reactions = by(&|drive| quickness(&drive.story).to_owned());
-        let laps: Vec<Row> = [lap_on, lap_on_known].iter().flat_map(|on| by(&|drive| on(&drive.story))).collect();
+        let mut reactions = by(&|drive| quickness(&drive.story).to_owned());
+        let mut laps: Vec<Row> = [lap_on, lap_on_known].iter().flat_map(|on| by(&|drive| on(&drive.story))).collect();
+        // Episodes that are no hazard, and no lap.
+        [&mut reactions, &mut laps].into_iter().for_each(|rows| rows.retain(|row| !row.name.is_empty()));
         let targets = targets(&all, &speed_failed, &laps);
         Ok(Self {
             model: GuardModel::name(model).to_owned(),

@@ -182,7 +182,7 @@ impl<'a> Report<'a> {
         let differs = |(_, of): &Told<'a>| self.runs.windows(2).any(|runs| of(&runs[0]) != of(&runs[1]));
         told.extend(differing.into_iter().filter(differs));
         let mut rows: Vec<Vec<String>> = vec![];
-        let is_along = self.runs.iter().any(|run| matches!(run.card.get(Figure::FromLane), Measure::Told(_)));
+        let is_along = self.runs.iter().any(|run| run.card.value(Figure::FromLane).is_some());
         let figures: Vec<Figure> = COMPARED.into_iter().chain(ALONG.into_iter().filter(|_| is_along)).collect();
         let names = told.iter().map(|(name, _)| *name);
         rows.push(names.chain(figures.iter().map(|figure| figure.label())).map(str::to_owned).collect());
